@@ -1,4 +1,4 @@
-"""The sources of MAP.yaml that have ranges to anchors, or differences of them."""
+"""The sources of MAP.yaml with ranges to anchors, or with differences of ranges."""
 
 from typing import Literal, Self
 
@@ -10,7 +10,7 @@ from ortilo_drake.model.typed_yaml import Positive
 
 
 class AnchoredSource(Source):
-    """Rows to anchors by tags."""
+    """A source whose rows hold ranges from tags to anchors, or differences of ranges."""
 
     tag: Column | tuple[Column, Column] | None = Field(
         default=None,
@@ -23,12 +23,12 @@ class AnchoredSource(Source):
 
     @property
     def tag_columns(self) -> tuple[Column, ...]:
-        """Return the columns that together name the tag of each row; none if rows name no tag."""
+        """The columns that together name the tag of each row; empty if rows name no tag."""
         return () if self.tag is None else self.tag if isinstance(self.tag, tuple) else (self.tag,)
 
 
 class RangeSource(AnchoredSource):
-    """Ranges to anchors [m]: a column or field for each, rows of one range that name the anchor, or a file for each."""
+    """Ranges to anchors [m]: a column or field for each anchor, rows that name an anchor, or a file for each anchor."""
 
     format: Literal["columns", "lec"] = Field(
         default="columns", description="`lec`: lines of DWM1001's console (`lec` or `les`), a stamp before each."
@@ -41,19 +41,19 @@ class RangeSource(AnchoredSource):
 
     @property
     def rows_name_anchors(self) -> bool:
-        """Return whether each row is of one range and names its anchor."""
+        """Whether each row holds one range and names its anchor."""
         return self.anchor is not None or self.format == "lec"
 
     @property
     def a_file_each(self) -> bool:
-        """Return whether several tables of one range a row are one for each anchor, in order."""
+        """Whether there is a table for each anchor, in order, with one range in each row."""
         several = len(self.file) > 1 if isinstance(self.file, tuple) else any(mark in self.file for mark in "*?[")
         one = len(self.values) == 1 and not self.rows_name_anchors
         return several and one and self.topic is None and not self.topics
 
     @property
     def anchor_count(self) -> int | None:
-        """Return the number of anchors with ranges; None if it is known only when the files are read."""
+        """The number of anchors with ranges; None if it is known only when the files are read."""
         if self.rows_name_anchors or self.names:
             return len(self.names) or None
         if self.topics or not (self.a_file_each or self.anchors_of_files):
@@ -97,7 +97,7 @@ class RangeSource(AnchoredSource):
 
 
 class DifferenceSource(AnchoredSource):
-    """Differences of the ranges to two anchors [m], one a row: r_b - r_a."""
+    """Differences r_b - r_a of the ranges to two anchors [m], one in each row."""
 
     value: Column
     a: Column = Field(description="The column that names anchor a.")

@@ -1,4 +1,4 @@
-"""A recorded motion as plain arrays: ranges, IMU and truth, in our axes, with what was rejected."""
+"""A recorded motion as plain arrays in our axes: ranges, IMU and truth; and a report of the rejected rows."""
 
 import os
 from collections import Counter
@@ -27,8 +27,8 @@ from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.signals import DETECTIONS_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 
-GRAVITY = 9.81  # [m/s²]; the accelerometer's bias takes up what differs from place to place
-LARGEST = 1e12  # of a file's numbers; UTM in mm reaches 1e10
+GRAVITY = 9.81  # [m/s²]; the accelerometer's bias absorbs the local deviation
+LARGEST = 1e12  # limit of a file's numbers; UTM in mm reaches 1e10
 MEASURED = {
     "imu": ("rates", "force"),
     "accelerometer": ("force",),
@@ -40,10 +40,10 @@ MEASURED = {
 
 
 class Imu(NamedTuple):
-    """Stamps [s] (n), body rates [rad/s] and specific force [m/s²] (n, 3), attitude (n, 3, 3) if known; body FLU.
+    """Stamps (n) [s], body rates [rad/s] and specific force [m/s²] (n, 3), attitude (n, 3, 3) or None; body FLU.
 
-    Of an accelerometer with stamps of its own, `accelerometer` holds these (m) and its samples (m, 3), and `force` what
-    it last said at the gyro's stamps.
+    For a separate accelerometer, `accelerometer` holds its stamps (m) and samples (m, 3), and `force` its last sample
+    at each stamp of the gyro.
     """
 
     t: np.ndarray
@@ -54,21 +54,21 @@ class Imu(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """Stamps by the truth's clock [s] (n), position [m] (n, 3), attitude (n, 3, 3) if it was recorded."""
+    """Stamps by the truth's clock (n) [s], position (n, 3) [m], attitude (n, 3, 3) or None if it was not recorded."""
 
     t: np.ndarray
     p: np.ndarray
     R: np.ndarray | None
 
     def only(self, which: np.ndarray | slice) -> "Truth":
-        """Return some of the rows."""
+        """Return the rows that `which` selects."""
         return Truth(self.t[which], self.p[which], None if self.R is None else self.R[which])
 
 
 class AidRows(NamedTuple):
-    """The rows of range finder, flow and camera, each at its stamp [s] (k), (m), (l).
+    """The rows of range finder (k), flow (m) and camera (l), with their stamps [s].
 
-    They are distances [m] (k), flow [px] (m, 2), and a detections message of each picture (l, DETECTIONS_SIZE).
+    The rows are distances (k) [m], flow (m, 2) [px], and a detections message of each picture (l, DETECTIONS_SIZE).
     """
 
     finder_t: np.ndarray
@@ -82,14 +82,15 @@ class AidRows(NamedTuple):
 NO_AID_ROWS = AidRows(*(np.zeros(0),) * 3, np.zeros((0, 2)), np.zeros(0), np.zeros((0, DETECTIONS_SIZE)))
 
 
-ONE_TAG = np.zeros((1, 3))  # at that point itself
+ONE_TAG = np.zeros((1, 3))  # a single tag, at the point that the lever leads to
 
 
 class Recording(NamedTuple):
-    """A motion; stamps count from the first range, the truth's from its own first.
+    """A recorded motion. Stamps count from the first range, stamps of the truth from the first row of the truth.
 
-    `origin` and `truth_origin` [s] are what was taken off, `anchors` (n, 3) or their number if they are to be found,
-    `tags` (m, 3) where the tags are from the point that the lever leads to, body axes, `scene` what the boxes show.
+    `origin` and `truth_origin` are the times subtracted [s]. `anchors` are positions (n, 3) [m], or the number of
+    anchors to be found. `tags` (m, 3) are the tags' positions from the point that the lever leads to, in body axes [m].
+    `told` are the lines of the report, `rejected` counts of rejected rows. `scene` holds the landmarks of the boxes.
     """
 
     name: str
@@ -106,13 +107,13 @@ class Recording(NamedTuple):
     scene: Scene | None = None
 
 
-Read = Callable[[str], Stream]  # of a map's entry: its complete rows, with the columns of columns_of
+Read = Callable[[str], Stream]  # key of a map's entry -> its complete rows, with the columns of columns_of
 
 
 def columns_of(map_: Map, key: str) -> tuple[tuple[Column, ...], int]:
-    """Return the columns to read of a map's entry, and how many of them are measured; those of an attitude follow.
+    """Return the columns of a map's entry, measured quantities first, then the attitude; and the number of the first.
 
-    The force of an accelerometer with a stream of its own is not in the imu's: the rates stand in its place.
+    If a separate accelerometer measures the force, the imu has no columns of it: the rates stand there once more.
     """
     source, found = getattr(map_, key), list[Column]()
     for name in ("rates", "rates") if key == "imu" and map_.accelerometer is not None else MEASURED[key]:
@@ -123,7 +124,7 @@ def columns_of(map_: Map, key: str) -> tuple[tuple[Column, ...], int]:
 
 
 def complete(stream: Stream, vectors: int) -> Stream:
-    """Return the rows without NaN or infinity, and none in its vectors whose square is; the others are counted."""
+    """Return the rows of finite numbers, at most LARGEST in the first `vectors` columns; count the others."""
     bad = ~np.isfinite(stream.values).all(axis=1)
     far = ~bad & (np.abs(stream.values[:, :vectors]) > LARGEST).any(axis=1)
     stream.rejected.add_rows(f"rows with a number beyond {LARGEST:g}", far, stream.rows)
@@ -132,7 +133,7 @@ def complete(stream: Stream, vectors: int) -> Stream:
 
 
 def with_attitude(stream: Stream, source: Matrix | Quaternion, begin: int) -> Stream:
-    """Return the rows whose columns from `begin` on are an attitude; the others are counted."""
+    """Return the rows whose columns from `begin` on are a valid attitude; the others are counted as rejected."""
     kind = "unit quaternion" if isinstance(source, Quaternion) else "rotation matrix"
     return stream.without(~are_attitudes(stream.values[:, begin:], source), f"rows without a {kind}")
 
@@ -147,7 +148,7 @@ def _mostly_with_attitude(stream: Stream, source: Matrix | Quaternion | None, be
 
 
 def _reader(folder: Path, map_: Map, told: list[Rejections]) -> Read:
-    """Return a reader of files, which refuses one with hardly a row; `told` gets what was rejected."""
+    """Return a reader of a map's entries, which refuses one with fewer than 2 rows; add the rejected rows to `told`."""
 
     def read(key: str) -> Stream:
         source, (columns, measured) = getattr(map_, key), columns_of(map_, key)
@@ -162,7 +163,7 @@ def _reader(folder: Path, map_: Map, told: list[Rejections]) -> Read:
 
 
 def between(imu: Imu, after: float, until: float) -> Imu:
-    """Return the samples behind a stamp, up to another one [s]."""
+    """Return the samples after the stamp `after`, up to and including the stamp `until` [s]."""
     kept, own = (imu.t > after) & (imu.t <= until), imu.accelerometer
     if own is not None:
         its = (own[0] > after) & (own[0] <= until)
@@ -172,14 +173,14 @@ def between(imu: Imu, after: float, until: float) -> Imu:
 
 
 def held_at(t: np.ndarray, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the values that hold at t (n): the last of values (m, ...) at rising stamps (m), before all the first."""
+    """Return the last of `values` (m, ...), with rising stamps (m), at each time t (n); before all, the first value."""
     return np.asarray(values[np.clip(np.searchsorted(stamps, t, side="right") - 1, 0, len(stamps) - 1)])
 
 
 def imu_of(map_: Map, read: Read, origin: float) -> Imu:
-    """Return the imu's samples, body FLU, by stamps from the first range's on, `origin` [s].
+    """Return the imu's samples in body FLU; stamps count from `origin` [s], the stamp of the first range.
 
-    Of an accelerometer with a stream of its own `force` is not filled in.
+    With a separate accelerometer `force` is not filled in.
     """
     source, own = map_.imu, map_.accelerometer
     assert source is not None
@@ -193,7 +194,7 @@ def imu_of(map_: Map, read: Read, origin: float) -> Imu:
     rates = stream.values[:, :3] @ of_rates.T * size_of(source.rate_unit, RATE_UNITS)
     imu = Imu(t, rates, stream.values[:, 3:6] @ of_force.T * unit, None)
     if turned is not None:
-        # The unit's world is as its body: z down with axes frd. A half turn about x leaves the heading to be found.
+        # The unit's world frame follows its body frame: z down with axes frd. M turns both; the heading stays unknown.
         imu = imu._replace(attitude=M @ rotations(stream.values[:, 6:], turned, stream.rejected.source) @ M.T)
     if map_.command is not None:
         commanded = read("command")
@@ -207,12 +208,12 @@ def imu_of(map_: Map, read: Read, origin: float) -> Imu:
 
 
 def _counted(t: np.ndarray, source: Source, origin: float) -> np.ndarray:
-    """Return stamps [s] from the first range's on, or from their own first."""
+    """Return stamps [s] that count from `origin`, or with `zero: first` from the first of them."""
     return t - (float(t[0]) if source.zero == "first" else origin)
 
 
 def looks_of(map_: Map, read: Read, origin: float) -> AidRows:
-    """Return the rows of range finder and flow by stamps from the first range's on, `origin` [s]."""
+    """Return the rows of range finder and flow; stamps count from `origin` [s], the stamp of the first range."""
     looks, finder, flow = NO_AID_ROWS, map_.range_finder, map_.flow
     if finder is not None:
         stream = read("range_finder")
@@ -248,7 +249,7 @@ def _truth(map_: Map, read: Read) -> tuple[Truth, float]:
 
 
 def _check_spans(path: Path, ranges: np.ndarray, others: dict[str, np.ndarray]) -> None:
-    """Refuse stamps [s] whose spans differ by a factor of about a thousand or a million from the ranges'."""
+    """Refuse stamps [s] whose span differs from the span of the ranges by a factor of about 1000 or its powers."""
     for name, t in others.items():
         ratio = max(np.ptp(t), 1e-9) / max(np.ptp(ranges), 1e-9)
         power = 3.0 * round(float(np.log10(ratio)) / 3.0)
@@ -258,16 +259,16 @@ def _check_spans(path: Path, ranges: np.ndarray, others: dict[str, np.ndarray]) 
 
 
 def _check_overlap(path: Path, ranges: np.ndarray, imu: np.ndarray) -> None:
-    """Refuse an imu whose stamps [s] lie before or after the ranges'."""
+    """Refuse an imu whose stamps [s] all lie before or after those of the ranges."""
     if imu[-1] < 0.0 or imu[0] > ranges[-1]:
         line = f"from {imu[0]:.6g} to {imu[-1]:.6g} s after the first range; give imu.late or imu.zero: first"
         raise InputError(f"{path}: the imu's stamps do not overlap the ranges': {line}")
 
 
 def read_recording(path: Path, map_: Map) -> Recording:
-    """Read a motion from the folder with the map's files, or from one of them.
+    """Read a motion from the folder with the map's files, or from one of these files.
 
-    InputError in one line, if a file, column, topic or field is missing, or hardly anything can be read.
+    InputError of one line if a file, column, topic or field is missing, or too few rows can be read.
     """
     if not exists(path):
         raise InputError(f"{path}: no such file or folder")
@@ -292,6 +293,6 @@ def read_recording(path: Path, map_: Map) -> Recording:
     for part in told:
         counts.update({f"{part.source}: {reason}": n for reason, n in part.counts.items()})
     folder = path if path.is_dir() else path.parent
-    name = Path(os.path.abspath(folder)).name  # "." has no name of its own, a link has
+    name = Path(os.path.abspath(folder)).name  # of a link the name of the link; "." alone would have none
     tags = ONE_TAG if map_.tags is None else np.array(list(map_.tags.values()))
     return Recording(name, ranges, imu, truth, anchors, origin, truth_origin, lines, dict(counts), looks, tags, scene)

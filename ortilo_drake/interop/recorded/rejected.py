@@ -1,4 +1,4 @@
-"""Rows that cannot be used, by their stamps or of a truth by its positions: counted, never dropped in silence."""
+"""Rows that cannot be used because of their stamps or, in a truth, their positions; all are counted and reported."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -9,9 +9,9 @@ import numpy as np
 from ortilo_drake.model.typed_yaml import InputError
 
 GAP = 5.0  # an interval longer than this many medians is called a gap
-RESTARTS, FEWEST = 5, 20  # of a clock at most, and the rows between them at least
-HOUR, TOGETHER = 3600.0, 0.9  # [s]; the share of the rows that must lie together
-LEAP = (1.0, 10.0)  # of a lone position: [m], and usual steps beside
+RESTARTS, FEWEST = 5, 20  # most restarts of a clock, and least rows between two of them
+HOUR, TOGETHER = 3600.0, 0.9  # [s]; least share of rows whose stamps lie together
+LEAP = (1.0, 10.0)  # least leap of a lone position: this length [m] plus this number of usual steps
 
 
 @dataclass
@@ -22,16 +22,16 @@ class Rejections:
     counts: dict[str, int] = field(default_factory=dict)
     first: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    word: str = "line"  # what a row is in this file
+    word: str = "line"  # the word for a row of this file
 
     def add(self, reason: str, place: str, count: int = 1) -> None:
-        """Count rejections of one reason."""
+        """Count rejections for one reason, with the first place."""
         if count:
             self.counts[reason] = self.counts.get(reason, 0) + count
             self.first.setdefault(reason, place)
 
     def add_rows(self, reason: str, which: np.ndarray, rows: np.ndarray, names: np.ndarray | None = None) -> None:
-        """Count rejections of one reason: by a mask (n), of rows with numbers (n) and, for the report, names (n)."""
+        """Count the rows in the mask `which` (n) as rejected; the report gives number (n) and name (n) of the first."""
         if which.any():
             first = int(np.argmax(which))
             called = "" if names is None else f" ('{names[first]}')"
@@ -43,7 +43,7 @@ class Rejections:
         return found + [f"{self.source}: {note}" for note in self.notes]
 
     def most(self) -> str:
-        """Return the line of the reason that most were rejected for; empty if none was."""
+        """Return the line of the most frequent reason; empty if nothing was rejected."""
         reason = max(self.counts, key=lambda reason: self.counts[reason], default="")
         return f"{self.counts[reason]} {reason}{self._place(reason)}" if reason else ""
 
@@ -52,7 +52,7 @@ class Rejections:
 
 
 def lines_of_all(parts: Sequence[Rejections]) -> list[str]:
-    """Return the lines of all sources: reasons first, then notes; a note that several share is one line."""
+    """Return the lines of all sources: reasons first, then notes; a note shared by several sources is one line."""
     sharing: dict[str, list[str]] = {}
     for part in parts:
         for note in part.notes:
@@ -66,11 +66,11 @@ def lines_of_all(parts: Sequence[Rejections]) -> list[str]:
 def kept_in_order(
     stamps: np.ndarray, rows: np.ndarray, rejected: Rejections, names: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the rows to keep, in order: stamps [s] finite, near the others and rising. The rest is counted.
+    """Return the indices of the rows to keep, in order; their stamps [s] are finite, near the others and rising.
 
-    The stamps are as they stand in the file, the rows their lines or messages, for the report. If rows name anchors,
-    they are sorted by their stamps and may share one; others are sorted where they fill a gap. InputError if more than
-    half would go.
+    The other rows are counted as rejected. `stamps` (n) have the file's order; `rows` (n) are the numbers of lines or
+    messages for the report. If rows name anchors (`names`), they are sorted by their stamps and may share a stamp.
+    Otherwise a late row is kept only where it fills a gap. InputError if fewer than half of the rows would be kept.
     """
     finite = np.isfinite(stamps)
     rejected.add_rows("rows without a stamp", ~finite, rows)
@@ -98,7 +98,7 @@ def kept_in_order(
     if not len(steps):
         raise InputError(f"{rejected.source}: all rows have one stamp")
     usual = np.median(steps)
-    if names is not None:  # anchors are often heard one right after the other: how long is it to the same one?
+    if names is not None:  # anchors are often heard in quick succession, so use the time to the same anchor's next row
         apart = min(len(np.unique(names)), len(keep) - 1)
         usual = max(usual, np.median(stamps[keep][apart:] - stamps[keep][:-apart]))
     gaps = steps > GAP * usual
@@ -110,9 +110,9 @@ def kept_in_order(
 
 
 def _fills_a_gap(stamps: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """Return a mask of the stamps (n) [s] that are at least half a usual interval from the others before and behind.
+    """Return a mask (n) of the stamps [s] that are more than half a usual interval from both neighbours in time.
 
-    A row that came late has its place there; one whose clock stepped back, or that came twice, has not.
+    A late row fills such a gap. A row whose clock stepped back, or that came twice, does not.
     """
     fills, which = np.zeros(len(stamps), dtype=bool), np.flatnonzero(good)
     if len(which) > 1:
@@ -124,9 +124,9 @@ def _fills_a_gap(stamps: np.ndarray, good: np.ndarray) -> np.ndarray:
 
 
 def began_anew(stamps: np.ndarray, names: np.ndarray | None) -> int | None:
-    """Return the first row behind which a clock began anew, so that it shows times again; None if it did not.
+    """Return the first row of a clock that restarted and shows the same times again; None if it did not restart.
 
-    Stamps (n) are as they stand in the file; where rows name anchors (n), those of one tell.
+    The stamps (n) have the file's order. If rows name anchors (n), the stamps of the most frequent anchor decide.
     """
     rows = np.flatnonzero(np.isfinite(stamps))
     if names is not None and len(rows):
@@ -146,9 +146,9 @@ def began_anew(stamps: np.ndarray, names: np.ndarray | None) -> int | None:
 
 
 def _far_away(stamps: np.ndarray) -> np.ndarray:
-    """Return a mask of the finite stamps [s] more than an hour away from a group of nine tenths of all, if any.
+    """Return a mask (n) of the finite stamps [s] more than an hour away from a group of nine tenths of all, if any.
 
-    Such a stamp is a clock that was not set yet or one spoilt number; sorted or kept it would stretch the recording.
+    The cause is a clock that was not set yet, or a damaged number. If kept, the stamp would stretch the recording.
     """
     if not len(stamps):
         return np.zeros(0, dtype=bool)
@@ -162,12 +162,12 @@ def _far_away(stamps: np.ndarray) -> np.ndarray:
 
 
 def named(path: Path, what: str) -> str:
-    """Return the name of a file's part in a line."""
+    """Return the name of a file's stream for a line of the report."""
     return f"{path.name} ({what})"
 
 
 def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
-    """Return a mask (n) of the rows that repeat the position p (n, 3) before them, for longer than `longest` [s]."""
+    """Return a mask (n) of rows that repeat the position p (n, 3) before them, where it lasts over `longest` [s]."""
     new = np.concatenate(([True], (np.diff(p, axis=0) != 0.0).any(axis=1)))
     starts, run = np.flatnonzero(new), np.cumsum(new) - 1
     lasts = np.maximum.reduceat(t, starts) - t[starts]
@@ -175,9 +175,9 @@ def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:
 
 
 def leaping_rows(p: np.ndarray) -> np.ndarray:
-    """Return a mask (n) of the rows whose position (n, 3) alone lies far from both beside it, which are near another.
+    """Return a mask (n) of the rows whose position (n, 3) is far from both neighbours, which are near each other.
 
-    Far is LEAP, and many usual steps.
+    LEAP says what is far.
     """
     steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
     beside = np.linalg.norm(p[2:] - p[:-2], axis=1)

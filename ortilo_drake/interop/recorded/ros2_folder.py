@@ -1,6 +1,6 @@
-"""The folder of a ROS 2 bag: which files its metadata.yaml names, each checked and, if it is packed, unpacked.
+"""The folder of a ROS 2 bag: the files that its metadata.yaml names, each checked and, if packed, unpacked.
 
-A recorder writes metadata.yaml when it ends: without one, as after a loss of power, all of the folder's bags are it.
+A recorder writes metadata.yaml at its end. Without it, as after a loss of power, all bag files of the folder are read.
 """
 
 import re
@@ -16,13 +16,13 @@ from ortilo_drake.interop.unpack import CHUNK_LIMIT, FILE_LIMIT, Unpacker
 from ortilo_drake.model.input_files import MIB, check_file, exists, open_file, read_text, reason
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml
 
-MOST: Final = 4096  # files of a bag
+MOST: Final = 4096  # most files of a bag
 PACKED: Final = ".zstd"
 STORAGES: Final = {"mcap": ".mcap", "sqlite3": ".db3"}
 
 
 def _metadata(path: Path) -> tuple[list[str], str, str]:
-    """Return the names of a bag's files, the ending of their kind, and what is packed: file, message or nothing."""
+    """Return the names of a bag's files, the suffix of their kind, and what is packed: 'file', 'message' or ''."""
     found = parse_yaml(read_text(path), str(path))
     try:
         found = found["rosbag2_bagfile_information"]
@@ -44,7 +44,7 @@ def _metadata(path: Path) -> tuple[list[str], str, str]:
 
 
 def _unlisted(folder: Path) -> tuple[list[str], str, str]:
-    """Return as _metadata what the files of a folder say that has none."""
+    """Return the same as _metadata for a folder without metadata.yaml, from the names of its files."""
     for suffix in STORAGES.values():
         for mode, end in (("", suffix), ("file", suffix + PACKED)):
             if names := sorted((path.name for path in folder.glob(f"*{end}")), key=natural):
@@ -53,16 +53,16 @@ def _unlisted(folder: Path) -> tuple[list[str], str, str]:
 
 
 def natural(name: str) -> list[tuple[int, str]]:
-    """Return a key by which bag_2 comes before bag_10."""
+    """Return a sort key with which bag_2 comes before bag_10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 @contextmanager
 def files_of_bag(bag: Path) -> Iterator[list[Path]]:
-    """Give the files of a ROS 2 bag, mcap or db3: of a folder, or of one file that is packed.
+    """Yield the files (mcap or db3) of a ROS 2 bag, which is a folder or one packed file.
 
-    Those packed as a whole are unpacked to a temporary folder. InputError if metadata.yaml is wrong, a file it names is
-    not there, no regular one or too large, or all of them unpack to more than the limit.
+    Files packed as a whole are unpacked to a temporary folder. InputError if metadata.yaml is wrong, if a named file is
+    missing, not regular or too large, or if all files together unpack to more than the limit.
     """
     folder = bag if bag.is_dir() else bag.parent
     if bag != folder:
@@ -84,7 +84,7 @@ def files_of_bag(bag: Path) -> Iterator[list[Path]]:
             unpacked.append(Path(place) / f"{i}{suffix}")
             with open_file(path) as packed:
                 for _ in tried.pieces("zstd", packed, FILE_LIMIT, path.name):
-                    pass  # so that one that is too large leaves nothing on the disk
+                    pass  # a trial, so that a file that is too large leaves nothing on the disk
             with open_file(path) as packed, unpacked[-1].open("wb") as file:
                 for piece in unpacker.pieces("zstd", packed, FILE_LIMIT, path.name):
                     file.write(piece)
@@ -94,7 +94,7 @@ def files_of_bag(bag: Path) -> Iterator[list[Path]]:
 def check_database(path: Path) -> None:
     """Refuse a database with views or generated columns, whose computation may never end.
 
-    InputError if it is such a one, no database, or holds a message of more than CHUNK_LIMIT.
+    InputError for such a database, a file that is no database, or a message of more than CHUNK_LIMIT.
     """
     try:
         with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro&immutable=1", uri=True)) as database:

@@ -9,7 +9,7 @@ from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 Column = Annotated[str, Field(min_length=1, max_length=256)] | Annotated[int, Field(ge=1, le=10_000)]
 Three = tuple[Column, Column, Column]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-MOST = 256  # anchors, and files of one stream
+MOST = 256  # most anchors, and most files of one stream
 IMUS: dict[str, dict[str, Any]] = {"euroc": {"time": 1, "unit": "ns", "rates": (2, 3, 4), "force": (5, 6, 7)}}
 TRUTHS: dict[str, dict[str, Any]] = {
     "tum": {"time": 1, "position": (2, 3, 4), "rotation": {"columns": (5, 6, 7, 8)}},
@@ -32,14 +32,14 @@ Unit = Annotated[float, Field(ge=-1e6, le=1e6), AfterValidator(_not_zero)]
 
 
 def _word(value: Any) -> Any:
-    """Return yes or no for true or false: YAML reads the words as these."""
+    """Return 'yes' or 'no' for a boolean, because YAML reads these words as booleans."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return {"true": "yes", "false": "no"}.get(value, value) if isinstance(value, str) else value
 
 
 def _text(value: Any) -> Any:
-    """Return a whole number as text; MAP.yaml keeps names as they are written, see load_map."""
+    """Return a whole number as text. Names in MAP.yaml stay as they are written, see load_map."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
@@ -47,7 +47,7 @@ Name = Annotated[str, BeforeValidator(_text), Field(min_length=1, max_length=256
 
 
 class OfOne(Frozen):
-    """A file with the ranges to one anchor or of one tag, whose rows need not name it."""
+    """A file with the ranges to one anchor or of one tag, whose rows need not name the anchor or tag."""
 
     file: FileName
     anchor: Name | None = None
@@ -68,24 +68,24 @@ def _named_once(axes: str | tuple[Axis, Axis, Axis] | None) -> str | tuple[Axis,
 
 
 def _as_tuples(value: Any) -> Any:
-    """Return a value with tuples for its lists: what a validator hands on is strict about them."""
+    """Return a value with tuples for all lists: strict validation accepts only tuples."""
     if isinstance(value, dict):
         return {key: _as_tuples(part) for key, part in value.items()}
     return tuple(_as_tuples(part) for part in value) if isinstance(value, list) else value
 
 
 def _laid_out(values: Any, layouts: dict[str, dict[str, Any]]) -> Any:
-    """Return a source's entries with those that its `layout` stands for; one that is given as well is kept."""
+    """Return a source's entries together with those of its `layout`; an entry that is given takes precedence."""
     layout = values.get("layout") if isinstance(values, dict) else None
     known = layouts.get(layout, {}) if isinstance(layout, str) else {}
     return {**known, **_as_tuples(values)} if isinstance(values, dict) else values
 
 
 class Source(Frozen):
-    """A file and where in it the stamps are.
+    """A file and the place of its stamps.
 
-    Of a table the columns are named, or counted from 1; of a bag or MCAP file the topic is named, and a column is a
-    field of its messages, such as `linear_acceleration.x` or `ranges[2]`.
+    In a table, columns are given by name or by number from 1. In a bag or MCAP file the topic is given, and a column is
+    a field of its messages, such as `linear_acceleration.x` or `ranges[2]`.
     """
 
     file: FileName | Annotated[tuple[FileName | OfOne, ...], Field(min_length=1, max_length=MOST)] = Field(
@@ -113,12 +113,12 @@ class Source(Frozen):
 
     @property
     def anchors_of_files(self) -> tuple[str, ...]:
-        """Return the anchor of each file, if the map names it."""
+        """The anchors of the files, in order, as far as the map names them."""
         return tuple(one.anchor for one in self._of_one if one.anchor is not None)
 
     @property
     def tags_of_files(self) -> tuple[str, ...]:
-        """Return the tag of each file, if the map names it."""
+        """The tags of the files, in order, as far as the map names them."""
         return tuple(one.tag for one in self._of_one if one.tag is not None)
 
     @property
@@ -135,7 +135,7 @@ class Source(Frozen):
 
 
 class Quaternion(Frozen):
-    """A quaternion of the body's attitude in the world, in the order in which the file has it."""
+    """A quaternion of the body's attitude in the world, with its columns in the order of the file."""
 
     columns: tuple[Column, Column, Column, Column] = (
         "orientation.x",
@@ -148,14 +148,14 @@ class Quaternion(Frozen):
 
 
 class Matrix(Frozen):
-    """A rotation matrix, nine columns row by row: the body's attitude in the world, or with `of: world` its inverse."""
+    """A rotation matrix, row by row in nine columns: the body's attitude in the world; its inverse for `of: world`."""
 
     columns: tuple[Column, Column, Column, Column, Column, Column, Column, Column, Column]
     of: Literal["body", "world"] = "body"
 
 
 class ImuSource(Source):
-    """Body rates [rad/s] and specific force [m/s²], and the attitude if the unit computes one."""
+    """Body rates [rad/s], specific force [m/s²], and the attitude if the unit computes one."""
 
     layout: Literal["euroc"] | None = Field(default=None, description="EuRoC's table: ns, rates, force.")
     rates: Three = ("angular_velocity.x", "angular_velocity.y", "angular_velocity.z")
@@ -200,13 +200,13 @@ class ImuSource(Source):
 
 
 class AccelerometerSource(Source):
-    """Specific force [m/s²] in a stream of its own, in the place of the imu's; axes and unit are the imu's."""
+    """Specific force [m/s²] in a separate stream that replaces the imu's; axes and unit are given in `imu`."""
 
     force: Three
 
 
 class FinderSource(Source):
-    """A range finder that looks down, along -z of the body [m]."""
+    """A range finder that looks down, along -z of the body; distances [m]."""
 
     distance: Column
     scale: Positive = Field(default=1.0, description="Metres in one of the file's units.")
@@ -217,7 +217,7 @@ class FinderSource(Source):
 
 
 class FlowSource(Source):
-    """Optical flow of the floor, counted as the Crazyflie's sensor does; see onboard/estimator/tight/floor_rows.py."""
+    """Optical flow of the floor in counts of the Crazyflie's sensor; see onboard/estimator/tight/floor_rows.py."""
 
     pixels: tuple[Column, Column]
     per_rad: Positive = Field(default=4.4, description="Pixels in an interval for one rad/s.")
@@ -226,9 +226,9 @@ class FlowSource(Source):
 
 
 class BoxSource(Source):
-    """A detector's boxes [px] of a room's landmarks, one a row; rows with one stamp are of one picture.
+    """A detector's boxes of a room's landmarks [px], one in each row; rows with the same stamp belong to one picture.
 
-    A pixel's centre has integer coordinates, the first one's (0, 0). The room's frame is the anchors'.
+    The centre of a pixel has integer coordinates, (0, 0) for the first. The frame of the room is that of the anchors.
     """
 
     label: Column = Field(description="The column that names the class of each box, as the room does.")
@@ -245,14 +245,14 @@ class BoxSource(Source):
 
 
 class CommandSource(Source):
-    """The flown command: thrust over mass [m/s²] along the body's z, in the place of the accelerometer's reading."""
+    """The flown command, thrust over mass along the body's z [m/s²], which replaces the accelerometer's samples."""
 
     thrust: Column
     scale: Positive = Field(default=1.0, description="m/s² in one of the file's units.")
 
 
 class TruthSource(Source):
-    """The true position [m] and, where it was recorded, attitude, in a frame and by a clock of their own."""
+    """The true position [m] and, if recorded, the true attitude, in their own frame and by their own clock."""
 
     layout: Literal["tum", "euroc"] | None = Field(
         default=None, description="TUM's table: s, position, quaternion xyzw; EuRoC's: ns, position, wxyz, and more."

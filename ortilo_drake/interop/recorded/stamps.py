@@ -1,4 +1,4 @@
-"""Stamps as text: seconds as a number, a date with its time, a time of day, or minutes and seconds."""
+"""Stamps as text: a number of seconds, a date with a time, a time of day, or minutes and seconds."""
 
 import re
 from datetime import UTC, datetime
@@ -8,7 +8,7 @@ import numpy as np
 from ortilo_drake.interop.recorded.tables import number
 
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-DAY, HOUR = 86400.0, 3600.0  # [s], after which a clock that shows no more begins anew
+DAY, HOUR = 86400.0, 3600.0  # periods of clocks that show a time of day, or minutes and seconds [s]
 _DAYS = (
     re.compile(r"(?P<y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)"),
     re.compile(r"(?P<y>\d{4})(?P<m>\d\d)(?P<d>\d\d)(?=[T_ -])"),
@@ -25,9 +25,9 @@ _MINUTES = re.compile(r"(\d+):([0-5]\d[.,]\d+)")
 
 
 def stamp(cell: str) -> float | None:
-    """Return a stamp's number; of a date or a time the seconds (UTC unless it says otherwise); None if it is none.
+    """Return a stamp as a number, a date or time in seconds (UTC unless a zone is given); None if it is no stamp.
 
-    12:05.3 is minutes and seconds. Of 5/3/2024 the month is first, unless that is no month.
+    12:05.3 means minutes and seconds. In 5/3/2024 the month is first, unless the first number is above 12.
     """
     found = number(cell)
     if found is not None:
@@ -55,7 +55,7 @@ def stamp(cell: str) -> float | None:
 
 
 def _seconds(text: str) -> float | None:
-    """Return the seconds since midnight, UTC, of a time of day, 0 without one."""
+    """Return a time of day in seconds since midnight UTC; 0 for an empty text, None for any other text."""
     if not text:
         return 0.0
     if packed := _PACKED.fullmatch(text):
@@ -74,14 +74,14 @@ def _seconds(text: str) -> float | None:
 
 
 def clock_period(cell: str) -> float | None:
-    """Return after how long the clock of a stamp begins anew [s]: a day, an hour, or None if it does not."""
+    """Return the period of a stamp's clock [s]: a day, an hour, or None if the clock never starts again."""
     if _MINUTES.fullmatch(cell):
         return HOUR
     return DAY if _TIME.fullmatch(cell) else None
 
 
 def unrolled(t: np.ndarray, period: float | None) -> np.ndarray:
-    """Return stamps (n) [s] that go on where their clock began anew."""
+    """Return stamps (n) [s] of a clock with a period, unwrapped so that they rise beyond the period."""
     if period is not None:
         known = np.isfinite(t)
         t[known] = np.unwrap(t[known], period=period)

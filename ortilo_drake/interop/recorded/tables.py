@@ -1,4 +1,4 @@
-"""The table that every reader returns: the rows of one file as numbers, each with its place."""
+"""The table that every reader returns: the rows of one file as numbers, each with its place in the file."""
 
 import re
 from array import array
@@ -10,18 +10,18 @@ import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
 
-NUMBERS: Final = 2**24  # of a stream: IMU at 1 kHz for half an hour; what works on them takes 60 bytes for each
-LONGEST: Final = 257  # characters of a name that are kept; those in a map have 256 at most
-NAMES: Final = 10_000  # of anchors that the rows of a file name
+NUMBERS: Final = 2**24  # most numbers of a stream, half an hour of IMU at 1 kHz; processing takes 60 bytes for each
+LONGEST: Final = 257  # most characters of a name that are kept; names in a map have 256 at most
+NAMES: Final = 10_000  # most names of anchors in a file
 EMPTY = ("", "nan", "na", "n/a", "#n/a", "null", "none", "-")  # cells without a number
 _COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
 
 class Table(NamedTuple):
-    """Rows of a file.
+    """The rows of a file.
 
-    t: stamps, the file's unit (n); values: (n, m), NaN where a row has none; names: what each row calls its anchors and
-    tag (n, k), None if it does not; rows: number of the line or message (n), from 1.
+    t: stamps in the file's unit (n); values: (n, m), NaN where a row has none; names: each row's names of anchors and
+    tag (n, k), None if rows name none; rows: number of the line or message (n), from 1.
     """
 
     t: np.ndarray
@@ -31,7 +31,7 @@ class Table(NamedTuple):
 
 
 class Rows:
-    """The rows of a file while it is read, 8 bytes a number."""
+    """The rows of a file while the file is read; a number takes 8 bytes."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -45,9 +45,9 @@ class Rows:
         return len(self._rows)
 
     def add(self, row: int, t: float, values: Sequence[float], names: Iterable[str] = (), order: int = 0) -> None:
-        """Add a row, with its number in the file; rows are sorted by `order`, those of one as they came.
+        """Add a row with its number `row` in the file; rows are sorted by `order`, rows of equal order as added.
 
-        InputError if there are more than NUMBERS, or more than NAMES of anchors.
+        InputError for more than NUMBERS numbers, or more than NAMES names of anchors.
         """
         self.width = len(values)
         if len(self._values) + len(self._rows) + self.width >= NUMBERS:
@@ -69,10 +69,10 @@ class Rows:
 
 
 def number(cell: str) -> float | None:
-    """Return a cell's number, NaN if it is empty, None if it is neither; 3,62 is 3.62."""
+    """Return a cell's number, NaN for an empty cell, None for any other text; 3,62 means 3.62."""
     if cell.lower() in EMPTY:
         return np.nan
-    if "_" in cell:  # Python's own 1_000
+    if "_" in cell:  # Python's float accepts 1_000
         return None
     try:
         return float(cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell)

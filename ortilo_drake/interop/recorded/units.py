@@ -9,19 +9,19 @@ from ortilo_drake.model.vehicle import GRAVITY
 
 RATE_UNITS = {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mrad/s": 0.001, "mdeg/s": np.pi / 180_000.0}
 FORCE_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0, "ft/s2": 0.3048}
-TOLERANCE = 0.05  # of a quaternion's norm, and of R R' from 1: what rounding in a file may leave
-LARGEST = 1e6  # of a component; one of an attitude is at most 1
+TOLERANCE = 0.05  # largest deviation of a quaternion's norm and of R R' from 1, for rounding in a file
+LARGEST = 1e6  # components are clipped to this; a valid attitude's are at most 1
 
 
 def size_of(unit: str | float, units: dict[str, float]) -> float:
-    """Return how much one of a map's units is in ours: it is named, or is that number."""
+    """Return the size of a map's unit in our unit; the unit is given by name, or as that size."""
     return units[unit] if isinstance(unit, str) else unit
 
 
 def axes_matrix(axes: str | tuple[str, ...], what: str, mirrors: bool = False) -> np.ndarray:
-    """Return the matrix from the unit's axes to ours; InputError if it mirrors and may not.
+    """Return the matrix from the unit's axes to ours; InputError if the matrix mirrors space without `mirrors`.
 
-    Entry k of a list says which of the unit's axes ours (x forward, y left, z up) is.
+    Entry k of a list names the unit's axis along our axis k (x forward, y left, z up).
     """
     if isinstance(axes, str):
         return np.diag([1.0, 1.0, 1.0] if axes == "flu" else [1.0, -1.0, -1.0])
@@ -34,19 +34,19 @@ def axes_matrix(axes: str | tuple[str, ...], what: str, mirrors: bool = False) -
 
 
 def in_axes(R: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """Return attitudes (n, 3, 3) in other axes of the world; where M mirrors, the body's are mirrored alike."""
+    """Return attitudes (n, 3, 3) in the world axes M; where M mirrors space, the body axes are mirrored as well."""
     return np.asarray(M @ R if np.linalg.det(M) > 0.0 else M @ R @ M.T)
 
 
 def axes_names(M: np.ndarray) -> str:
-    """Return the axes of a matrix as a map lists them."""
+    """Return the axes of a matrix in the form of a map's list."""
     rows = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in M]
     return f"[{', '.join(rows)}]"
 
 
 def are_attitudes(values: np.ndarray, source: Matrix | Quaternion) -> np.ndarray:
     """Return a mask (n) of valid attitudes: quaternions (n, 4) of norm 1, or rotation matrices (n, 9)."""
-    values = np.clip(values, -LARGEST, LARGEST)  # squares of a spoilt number would overflow
+    values = np.clip(values, -LARGEST, LARGEST)  # the square of a damaged number would overflow
     if isinstance(source, Quaternion):
         return np.asarray(np.abs(np.linalg.norm(values, axis=1) - 1.0) <= TOLERANCE)
     R = values.reshape(-1, 3, 3)
@@ -55,9 +55,9 @@ def are_attitudes(values: np.ndarray, source: Matrix | Quaternion) -> np.ndarray
 
 
 def rotations(values: np.ndarray, source: Matrix | Quaternion, what: str) -> np.ndarray:
-    """Return rotation matrices body to world (n, 3, 3) of quaternions (n, 4) or matrices (n, 9).
+    """Return rotation matrices from body to world (n, 3, 3), given quaternions (n, 4) or matrices (n, 9).
 
-    InputError if a row is none.
+    InputError if a row is no valid attitude.
     """
     good, values = are_attitudes(values, source).all(), np.clip(values, -LARGEST, LARGEST)
     if isinstance(source, Matrix):

@@ -1,4 +1,4 @@
-"""The viewer's default blueprint: the views it opens a recording with."""
+"""The default blueprint of the Rerun viewer: the views with which it opens a recording."""
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -14,11 +14,11 @@ TABS = {
     "attitude": ["/truth/attitude", "/estimate/attitude"],
 }
 
-AWAY, FROM = 1.0, np.array([0.0, -0.68, 0.73])  # of the eye: in longest sides of the room; from the south and above
+AWAY, FROM = 1.0, np.array([0.0, -0.68, 0.73])  # eye: distance over the longest side; direction, from south and above
 
 
 def default_layout(room: Room, has_camera: bool) -> rrb.Blueprint:
-    """Return the blueprint: the room left; right the picture above the errors, and tabs of other signals."""
+    """Return the blueprint: the room on the left; on the right the picture, the errors, and tabs of other signals."""
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     middle, away = (low + high) / 2, AWAY * max(high - low)
     eye = rrb.EyeControls3D(position=middle + away * FROM, look_target=middle, eye_up=[0.0, 0.0, 1.0])

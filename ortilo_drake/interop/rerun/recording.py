@@ -1,4 +1,4 @@
-"""A flight as a recording of Rerun: one .rrd file, written whole or not at all."""
+"""A flight as a recording for Rerun: one .rrd file, written whole or not at all."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ APPLICATION = "ortilo-drake"
 
 
 def check_recording(path: Path) -> None:
-    """Check that a recording of that name can be made; InputError names the file and its ending, or what to install."""
+    """Refuse a recording with another suffix than .rrd, or without Rerun: InputError names the file or the package."""
     if path.suffix != SUFFIX:
         raise InputError(f"{path}: unknown kind of recording '{path.suffix}', give {SUFFIX}")
     check_installed("rerun", "rerun")
@@ -35,7 +35,7 @@ def recording_bytes(flight: xr.Dataset, seen: Sightings) -> bytes:
     memory = recording.memory_recording()
     try:
         _fill(recording, flight, seen)
-    finally:  # also after Ctrl-C: of what is never taken out, Rerun complains on stderr
+    finally:  # also after Ctrl-C: Rerun complains on stderr about data that is never drained
         data: bytes = memory.drain_as_bytes()
     return data
 
@@ -61,6 +61,6 @@ def _fill(recording: "rr.RecordingStream", flight: xr.Dataset, seen: Sightings) 
 
 
 def save_recording(flight: xr.Dataset, seen: Sightings, path: Path) -> None:
-    """Write a flight as an .rrd file; see check_recording and flight.files.write_bytes for what is refused."""
+    """Write a flight as an .rrd file; InputError as in check_recording and flight.files.write_bytes."""
     check_recording(path)
     write_bytes(path, recording_bytes(flight, seen))

@@ -1,4 +1,4 @@
-"""The signals of a flight as named time series: plain numbers, by the path at which they stand in a recording."""
+"""The signals of a flight as named time series: plain numbers, by their path in a recording."""
 
 from typing import NamedTuple
 
@@ -15,17 +15,17 @@ PARTS = {
     "attitude": STATE_NAMES[3:6],
     "velocity": STATE_NAMES[6:9],
     "attitude_rate": STATE_NAMES[9:12],
-}  # of the state: m, rad, m/s, rad/s
+}  # parts of the state [m, rad, m/s, rad/s]
 
 
 ERROR_RED, BAND_GREY = (200, 60, 40), (150, 150, 150)
 
 
 class Series(NamedTuple):
-    """Some named lines (k) over the same times in simulated seconds (n), one column of values a line (n, k).
+    """k named lines over the same times (n) [simulated s], with a column of values for each line (n, k).
 
-    Sparse ones have values only where something arrived and are drawn as points; in steps each value holds until the
-    next. Colours are red, green, blue for each line; none leaves them to the viewer.
+    A sparse series has values only at arrivals and is drawn as points. In a step series each value holds until the
+    next. Each line has a colour (red, green, blue); without colours the viewer chooses.
     """
 
     times: np.ndarray
@@ -39,7 +39,7 @@ class Series(NamedTuple):
 def all_series(flight: xr.Dataset, seen: Sightings) -> dict[str, Series]:
     """Return every signal of a flight by its path.
 
-    Of the covariances there are the standard deviations alone.
+    Covariances are left out, but for their standard deviations.
     """
     return {**_states(flight), **_errors(flight), **_commands(flight), **_sensors(flight), **_ranges(seen)}
 
@@ -61,7 +61,7 @@ def _states(flight: xr.Dataset) -> dict[str, Series]:
 
 
 def _errors(flight: xr.Dataset) -> dict[str, Series]:
-    """Return the error of each axis of the estimated position between minus and plus three sigma [m]."""
+    """Return the error of the estimated position on each axis, with lines at plus and minus 3 sigma [m]."""
     found, lines, colors = {}, ("error", "3 sigma", "-3 sigma"), (ERROR_RED, BAND_GREY, BAND_GREY)
     for i, axis in enumerate(AXES):
         error = flight["estimate"].values[:, i] - flight["truth"].values[:, i]
@@ -72,7 +72,7 @@ def _errors(flight: xr.Dataset) -> dict[str, Series]:
 
 
 def _commands(flight: xr.Dataset) -> dict[str, Series]:
-    """Return thrust [N], torques [N m] and what thrust they ask of each rotor [N]."""
+    """Return the commanded thrust [N], torques [N m], and the thrust of each rotor that they require [N]."""
     time, u, vehicle = flight["time"].values, flight["control"].values, scenario_of(flight).vehicle
     rotors = vehicle.rotor_lift * u @ mixing_inverse(vehicle).T
     names = tuple(f"rotor {i}" for i in range(vehicle.rotor_count))
@@ -84,7 +84,7 @@ def _commands(flight: xr.Dataset) -> dict[str, Series]:
 
 
 def _sensors(flight: xr.Dataset) -> dict[str, Series]:
-    """Return for each sensor whether it was due and used, its values, their deviations and their innovations."""
+    """Return for each sensor the flags due and used, its values, their standard deviations and innovations."""
     measurement, time, found = scenario_of(flight).measurement, flight["time"].values, dict[str, Series]()
     for j, sensor in enumerate(measurement.sensors):
         due, used = flight["due"].values[:, j], flight["arrival"].values[:, j]
@@ -106,6 +106,6 @@ def _sensors(flight: xr.Dataset) -> dict[str, Series]:
 
 
 def _ranges(seen: Sightings) -> dict[str, Series]:
-    """Return the ranges, and differences of them, that came [m]."""
+    """Return the received ranges and differences of ranges [m]."""
     rows = {path: np.array(its) for path, its in seen.ranges.items()}
     return {path: Series(its[:, 0], its[:, 1:], (path.split("/")[1],), is_sparse=True) for path, its in rows.items()}

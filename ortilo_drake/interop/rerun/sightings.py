@@ -1,7 +1,7 @@
-"""Pictures, boxes found in them and ranges to anchors, made again: a flight's Dataset does not keep them.
+"""Pictures, boxes detected in them, and ranges to anchors, which the Dataset of a flight does not keep.
 
-While a scenario flies they are recorded from the halves' messages, as for a log (SightingsRecorder.record). After a
-flight its pictures are drawn again from the true states (drawn_again).
+During a flight they are recorded from the messages between the halves, as for a log (SightingsRecorder.record). After a
+flight the pictures can be drawn again from the true states (drawn_again).
 """
 
 from collections import defaultdict
@@ -23,14 +23,14 @@ from ortilo_drake.sensors.described import measuring
 
 cv2 = later("cv2")
 
-QUALITY = 85  # of the JPEG
+QUALITY = 85  # JPEG quality [%]
 
 CameraView = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass
 class Sightings:
-    """All that was seen in a flight, each behind the time [s] at which it was true, in the order in which it came."""
+    """All sightings of a flight in the order of arrival, each as (time at which it was true [s], sighting)."""
 
     pictures: list[tuple[float, bytes]] = field(default_factory=list)
     """as JPEG."""
@@ -41,7 +41,7 @@ class Sightings:
 
 
 def encode_jpeg(picture: np.ndarray) -> bytes:
-    """Return a picture, blue, green, red (height, width, 3), uint8, as JPEG."""
+    """Return a picture (height, width, 3), uint8, in the order blue, green, red, as JPEG."""
     _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return data.tobytes()
 
@@ -52,10 +52,11 @@ def _found(message: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 class SightingsRecorder:
-    """Gathers sightings while a scenario flies; its `record` is given to flight.lockstep.
+    """A recorder of sightings while a scenario flies; pass its `record` to flight.lockstep.fly_lockstep.
 
-    A rendered camera's boxes do not cross between the halves: the detector is onboard. It looks again here, and finds
-    the same ones in the same picture. InputError if a file of the scenario's detector is wrong.
+    The boxes of a rendered camera are found onboard, so they are not in the messages between the halves. This recorder
+    runs the detector again, which finds the same boxes in the same picture. InputError if a file of the scenario's
+    detector is wrong.
     """
 
     def __init__(self, scenario: Scenario):
@@ -67,7 +68,7 @@ class SightingsRecorder:
             self._detect = load_detector(scenario.detector, room, (camera.width, camera.height))
 
     def record(self, k: int, state: np.ndarray | None, messages: Signals, outputs: Signals) -> None:
-        """Take the messages of a tick; a flight.signals.Record."""
+        """Record the sightings in the messages of a tick; this is a flight.signals.Record."""
         seen = self.sightings
         if "image" in messages:
             stamp, rgb = float(messages["shutter"][STAMP]), np.ascontiguousarray(messages["image"][..., :3])
@@ -91,10 +92,11 @@ class SightingsRecorder:
 
 
 def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView]) -> Sightings:
-    """Return the pictures and boxes of a flight that is over, drawn from its true states.
+    """Return the pictures and boxes of a finished flight, drawn again from its true states.
 
-    Each picture that was due is drawn, also if it did not arrive. There are none without a rendered camera, and no
-    ranges: a flight does not keep them. InputError if there is no EGL or a file of the scenario's detector is wrong.
+    Each picture that was due is drawn, also if it did not arrive. Without a rendered camera there are no pictures.
+    Ranges are never there: a flight does not keep them. InputError if there is no EGL or a file of the scenario's
+    detector is wrong.
     """
     scenario, seen = scenario_of(flight), Sightings()
     if not scenario.is_rendered:

@@ -1,4 +1,4 @@
-"""A flight in a recording: the vehicle, where it believed to be, paths, camera, signals, and the room, in W [m]."""
+"""A flight in a recording: true and estimated vehicle, paths, camera, signals, and the room, in W [m]."""
 
 import numpy as np
 import rerun as rr
@@ -19,15 +19,15 @@ TRUTH, ESTIMATE = "world/truth", "world/estimate"
 CAMERA = f"{TRUTH}/camera"
 PICTURE, BOXES = f"{CAMERA}/picture", f"{CAMERA}/picture/boxes"
 COLORS = {TRUTH: (40, 160, 40), ESTIMATE: (242, 13, 153), "planned": (26, 140, 255)}
-PICTURE_AT = 1.0  # from the camera, where the picture hangs [m]
-HALF_PIXEL = 0.5  # a pixel's centre has integer coordinates here; in Rerun its corner has
+PICTURE_AT = 1.0  # distance of the drawn picture from the camera [m]
+HALF_PIXEL = 0.5  # the centre of a pixel has integer coordinates here, in Rerun its corner has
 ROOM_GREY, WALL_RED, STAND_GREY, ANCHOR_YELLOW = (150, 152, 156), (173, 92, 66), (110, 112, 118), (255, 184, 0)
 ANCHOR_RADIUS = 0.1  # [m]
-TIMELINE = "time"  # simulated seconds from the flight's start
+TIMELINE = "time"  # simulated time since the start of the flight
 
 
 def send_vehicle(recording: rr.RecordingStream, flight: xr.Dataset) -> None:
-    """Write true and estimated poses over time, both paths and the planned one, and the waypoints."""
+    """Write true and estimated poses over time, the true, estimated and planned paths, and the waypoints."""
     scenario, time = scenario_of(flight), flight["time"].values
     for path, name in ((TRUTH, "truth"), (ESTIMATE, "estimate")):
         states = flight[name].values[:, :6]
@@ -48,7 +48,7 @@ def send_vehicle(recording: rr.RecordingStream, flight: xr.Dataset) -> None:
 
 
 def waypoints(scenario: Scenario) -> np.ndarray:
-    """Return the waypoints p_W of a scenario that is flown through some (n, 3); none of another."""
+    """Return the waypoints p_W (n, 3) [m] of a scenario with a waypoint planner, (0, 3) for other planners."""
     planner = scenario.planner
     return np.array(planner.points if isinstance(planner, WaypointPlanner) else []).reshape(-1, 3)
 
@@ -59,14 +59,14 @@ def _send_line(recording: rr.RecordingStream, path: str, points: np.ndarray, col
 
 
 def _body(vehicle: Vehicle, color: tuple[int, int, int]) -> rr.LineStrips3D:
-    """Return a line from the body's origin to each rotor, and one forward."""
+    """Return lines from the body's origin to each rotor, and one line forward."""
     x, y, _ = rotor_places(vehicle)
     ends = [*zip(x.tolist(), y.tolist(), [0.0] * len(x), strict=True), (float(np.hypot(x, y).max()), 0.0, 0.0)]
     return rr.LineStrips3D([[(0.0, 0.0, 0.0), end] for end in ends], colors=[color], radii=[0.025])
 
 
 def send_camera(recording: rr.RecordingStream, scenario: Scenario, room: Room, seen: Sightings) -> None:
-    """Write the camera on the true vehicle, its pictures, and the boxes found in them with class and score."""
+    """Write the camera of the true vehicle, its pictures, and the detected boxes with class and score."""
     if not scenario.sees_landmarks:
         return
     model = room.camera.scaled_to(scenario.image_width)
@@ -81,7 +81,7 @@ def send_camera(recording: rr.RecordingStream, scenario: Scenario, room: Room, s
 
 
 def pinhole(model: CameraModel) -> rr.Pinhole:
-    """Return the camera with the pixels' corner as origin."""
+    """Return the camera with the corner of the first pixel as the origin of pixel coordinates."""
     center = [model.center[0] + HALF_PIXEL, model.center[1] + HALF_PIXEL]
     return rr.Pinhole(
         focal_length=[model.focal_length, model.focal_length * model.aspect],
@@ -94,7 +94,7 @@ def pinhole(model: CameraModel) -> rr.Pinhole:
 
 
 def _send_boxes(recording: rr.RecordingStream, room: Room, seen: Sightings) -> None:
-    """Write the boxes of each picture as one row, also where none were found: that clears the earlier ones."""
+    """Write the boxes of each picture as one row; a picture without boxes also has a row, which clears the view."""
     rows = np.concatenate([found for _, found in seen.boxes])
     labels = [f"{room.classes[int(label)]} {score:.2f}" for label, score in rows[:, :2].tolist()]
     low, high = rows[:, 2:4] + HALF_PIXEL, rows[:, 4:6] + HALF_PIXEL
@@ -107,12 +107,12 @@ def _send_boxes(recording: rr.RecordingStream, room: Room, seen: Sightings) -> N
 
 
 def time_column(times: np.ndarray) -> rr.TimeColumn:
-    """Return the timeline's values at some times [s], in whole nanoseconds as in the logs."""
+    """Return the timeline's values at times (n) [s], in whole nanoseconds as in the logs."""
     return rr.TimeColumn(TIMELINE, duration=np.array([to_ns(t) for t in times.tolist()], dtype="timedelta64[ns]"))
 
 
 def send_series(recording: rr.RecordingStream, path: str, series: Series) -> None:
-    """Write time series; a value that is not finite is left out with its row."""
+    """Write time series; rows with a value that is not finite are left out."""
     there = np.isfinite(series.values).all(axis=1)
     if not there.any():
         return
@@ -128,13 +128,13 @@ def send_series(recording: rr.RecordingStream, path: str, series: Series) -> Non
 
 
 def turned(yaws: np.ndarray) -> np.ndarray:
-    """Return turns about W's z [rad] (n) as quaternions (x, y, z, w) (n, 4)."""
+    """Return turns about z of W (n) [rad] as quaternions (x, y, z, w) (n, 4)."""
     zero = np.zeros_like(yaws)
     return np.column_stack([zero, zero, np.sin(yaws / 2), np.cos(yaws / 2)])
 
 
 def send_room(recording: rr.RecordingStream, room: Room) -> None:
-    """Write the surveyed room below world/room."""
+    """Write the surveyed room under the path world/room."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     rgba = [(c.r(), c.g(), c.b()) for c in (class_color(room, name) for name in room.classes)]
     colors = [tuple(round(255 * part) for part in color) for color in rgba]

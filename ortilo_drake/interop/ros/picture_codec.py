@@ -1,4 +1,4 @@
-"""Pictures to PNG without loss, and back, also from senders that are not trusted."""
+"""Lossless encoding of pictures as PNG, and decoding, also of data from senders that are not trusted."""
 
 import struct
 import zlib
@@ -11,14 +11,14 @@ from ortilo_drake.model.optional import later
 cv2 = later("cv2")
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
-_KINDS: Final = {3: (8, 2, 0, 0, 0), 4: (8, 6, 0, 0, 0)}  # channels: 8 bits, colour, deflate, filters, not interlaced
+_KINDS: Final = {3: (8, 2, 0, 0, 0), 4: (8, 6, 0, 0, 0)}  # by channels: bits, colour, deflate, filters, not interlaced
 
 
 def encode_png(image: np.ndarray) -> bytes:
-    """Return a picture (height, width, 4), uint8 RGBA, as PNG; an opaque one, as all rendered are, without alpha.
+    """Return a picture (height, width, 4), uint8 RGBA, as PNG; an opaque picture is written without alpha.
 
-    OpenCV's own choice of compression (run lengths of each row's differences) takes half the time of deflate's level 1
-    and is as small. ValueError if the picture is of another kind.
+    All rendered pictures are opaque. OpenCV's default compression (run lengths of each row's differences) takes half
+    the time of deflate's level 1 and is as small. ValueError if the picture is of another kind.
     """
     if image.ndim != 3 or image.shape[2] != 4 or image.dtype != np.uint8:
         raise ValueError(f"a picture is (height, width, 4) of uint8, not {image.shape} of {image.dtype}")
@@ -30,7 +30,7 @@ def encode_png(image: np.ndarray) -> bytes:
 
 
 def decode_png(data: bytes) -> np.ndarray:
-    """Return the picture (height, width, 4), uint8 RGBA, of a PNG that encode_png made; ValueError if it is none."""
+    """Return the picture (height, width, 4), uint8 RGBA, of a PNG that encode_png made; ValueError for other data."""
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint8 or pixels.ndim != 3:
         raise ValueError("not a picture of 8 bits in colour")
@@ -38,7 +38,7 @@ def decode_png(data: bytes) -> np.ndarray:
 
 
 def _compressed(data: bytes) -> bytes | None:
-    """Return the content of all IDAT chunks, or None unless the chunks are IHDR, IDAT ..., IEND, undamaged."""
+    """Return the content of all IDAT chunks; None unless the chunks are IHDR, IDAT ..., IEND, all undamaged."""
     at, kinds, parts = len(_SIGNATURE), [], []
     while at + 12 <= len(data):
         end = at + 12 + int.from_bytes(data[at : at + 4], "big")
@@ -53,7 +53,7 @@ def _compressed(data: bytes) -> bytes | None:
 
 
 def _is_whole(compressed: bytes, height: int, row: int) -> bool:
-    """Return whether zlib data are exactly so many rows of so many bytes, each with a filter that PNG knows."""
+    """Return whether zlib data hold exactly `height` rows of `row` bytes, each with a filter of PNG."""
     unpacker = zlib.decompressobj()
     try:
         rows = unpacker.decompress(compressed, height * row + 1)  # one byte more than there should be
@@ -64,9 +64,9 @@ def _is_whole(compressed: bytes, height: int, row: int) -> bool:
 
 
 def decode_foreign_png(data: bytes, shape: tuple[int, int]) -> np.ndarray | None:
-    """Return the picture (height, width, 4), uint8, or None unless it is a PNG of this shape [px] that we may make.
+    """Return the picture (height, width, 4), uint8; None unless it is a PNG of this shape [px] and of our kind.
 
-    Size and kind are read from the header before anything is decompressed, and no more is decompressed than fits.
+    Size and kind are read from the header before any decompression, and no more bytes are decompressed than fit.
     """
     height, width = shape
     for channels, kind in _KINDS.items():

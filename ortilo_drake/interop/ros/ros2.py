@@ -1,4 +1,4 @@
-"""A bridge to a running ROS 2: it publishes a flight as a log holds it (ros_messages.py) and takes goals."""
+"""A bridge to a running ROS 2: it publishes a flight with the messages of a log (ros_messages.py) and takes goals."""
 
 from typing import Any, Final, Self
 
@@ -10,13 +10,13 @@ from ortilo_drake.interop.ros.ros_motion import GOAL_TOPIC, GOAL_TYPE
 from ortilo_drake.scenario import Scenario
 
 FRAME: Final = "map"
-_SPINS: Final = 4  # of the executor at a time: one takes the newest goal, the rest are for ROS's own events
+_SPINS: Final = 4  # spins of the executor in one call: one takes the newest goal, the others are for ROS's own events
 
 
 class Ros2Bridge(Ros2Node):
     """A ROS 2 node: `with Ros2Bridge(scenario) as bridge: bridge.send_tick(...)`.
 
-    InputError if rclpy is not installed, or, on entering, does not work or the scenario has no path.
+    InputError if rclpy is not installed; on entering, if rclpy does not work or the scenario has no path.
     """
 
     def __init__(self, scenario: Scenario):
@@ -36,19 +36,19 @@ class Ros2Bridge(Ros2Node):
         self._node.create_subscription(message_class(GOAL_TYPE), GOAL_TOPIC, self._take_goal, 1)
 
     def _open_topics(self) -> None:
-        """Make the publishers of every tick's topics, and have numba compile all that makes their messages."""
+        """Make the publishers of the topics sent every tick; numba compiles the functions that make their messages."""
         for topic, type_name, _ in blank_messages(self._scenario, self._room, None):
             self._publisher(topic, type_name)
 
     def send_tick(
         self, t: float, state: np.ndarray | None, messages: dict[str, np.ndarray], outputs: dict[str, np.ndarray]
     ) -> None:
-        """Publish one tick. Arguments as ros_messages.tick_messages."""
+        """Publish one tick. Arguments as in ros_messages.tick_messages."""
         for message in tick_messages(t, state, messages, outputs, self._scenario, self._room):
             self.send(message)
 
     def goal(self) -> np.ndarray | None:
-        """Return p_W (3) [m] of the newest goal since the last call, None if there is none."""
+        """Return the newest goal p_W (3) [m] since the last call; None if there is none."""
         for _ in range(_SPINS):
             self._executor.spin_once(timeout_sec=0.0)
         goal, self._goal = self._goal, None
