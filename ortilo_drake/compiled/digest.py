@@ -1,7 +1,7 @@
-"""A digest of all that a function is made of.
+"""A digest of a function and of everything that the function calls.
 
-numba's cache does not notice that a function which another one calls has changed. So what is compiled has the digest of
-everything that it calls in its name.
+numba's cache does not notice a change in a called function. So the name of a generated module contains the digest of
+everything that its functions call.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ _VERSIONS = f"{platform.python_version()} {numba.__version__} {np.__version__}"
 
 
 def digest_of(*made_of: Any) -> str:
-    """Return a digest of functions, with all that they call and the constants that they read, and of plain values."""
+    """Return a digest of functions, of all that they call and read, and of plain values."""
     parts: list[str] = [_VERSIONS]
     seen: set[int] = set()
     for one in made_of:
@@ -46,7 +46,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
     if isinstance(function, FunctionType):
         if id(function) not in seen and not function.__module__.startswith(LIBRARIES):
             seen.add(id(function))
-            yield f"{function.__module__}.{function.__qualname__}"  # numba's cache has the module's name in it
+            yield f"{function.__module__}.{function.__qualname__}"  # numba's cache holds the module's name too
             yield from _of_code(function.__code__)
             for default in (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()):
                 yield from _parts(default, seen)
@@ -76,7 +76,7 @@ def _of_code(code: CodeType) -> Iterator[str]:
 
 
 def names_in(code: CodeType) -> dict[str, None]:
-    """Return the names that code reads, and the code in it, as keys in their order."""
+    """Return the names that a code object and the code objects inside it read, as keys in their order."""
     codes, names = [code], dict[str, None]()
     while codes:
         code = codes.pop()
@@ -86,7 +86,7 @@ def names_in(code: CodeType) -> dict[str, None]:
 
 
 def _used(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """Return the globals and closure variables that a function reads, by name."""
+    """Yield the name and value of each global and closure variable that a function reads."""
     for name in names_in(function.__code__):
         if name in function.__globals__:
             yield name, function.__globals__[name]
@@ -95,5 +95,5 @@ def _used(function: FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def plain(function: Callable[..., Any] | Any) -> Any:
-    """Return the plain source of a function that numba compiles."""
+    """Return the plain Python function of a function that numba compiles; any other value as it is."""
     return getattr(function, "py_func", function)

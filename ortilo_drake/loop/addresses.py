@@ -1,6 +1,6 @@
 """Arrays and records at an address, for compiled code.
 
-They are numba's carray without its references: an element that allocates nothing is compiled without counting any.
+They replace numba's carray, which counts references: elements that allocate nothing are compiled without counting.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ from numba.np.arrayobj import populate_array
 
 @intrinsic
 def array_at(typing_context: Any, address: Any, shape: Any) -> Any:
-    """Return the array of that shape, a tuple of whole numbers, row by row, that begins at a pointer to its numbers."""
+    """Return the array, stored row by row, of this shape (a tuple of integers) that begins at a pointer."""
     kind = types.Array(address.dtype, len(shape), "C")
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Any) -> ir.Value:

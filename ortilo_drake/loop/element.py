@@ -1,6 +1,6 @@
 """An element: one box of the block diagram, described once for every player.
 
-    out(...)    writes what the element says in tick k into `out`
+    out(...)    writes the element's output of tick k into `out`
     step(...)   changes the element's state from tick k to tick k + 1, in place
 
 Both are plain functions. Their parameters, in any order, are the wiring:
@@ -8,18 +8,18 @@ Both are plain functions. Their parameters, in any order, are the wiring:
     n            the element's constants, a record: n.mass, n.inertia[0]
     k            the tick, from 0
     seed         the seed of all noise in this tick
-    seeds        the seeds of all ticks, for noise that is drawn for other ticks than k
-    out          what the element says, an array of floats to write into
-    <array>      one of the element's own arrays by its name: state, room to work in, a table
-    <group>      a NamedTuple of constants and tables, which its box takes (Box.taking)
-    <input>      any other name: an array that another element says
+    seeds        the seeds of all ticks, for noise drawn for ticks other than k
+    out          the element's output, an array of floats to write into
+    <array>      one of the element's own arrays by name: a state, a work array, a table
+    <group>      a NamedTuple of constants and tables, added by Box.with_groups
+    <input>      any other name: the output array of another element
 
-An element that `shows` one of its states says that array: nothing is copied.
+An element that `shows` one of its states has that state's array as output: nothing is copied.
 
-The functions return nothing and, where they can help it, allocate nothing. numba compiles them (native.py); their plain
-source runs on Drake's AutoDiffXd and Expression. Helpers that they call are register_jitable, or njit if they return no
-arrays: outside elements numba compiles an njit one once, as its first caller is, and code that counts no references
-must give no arrays to code that does.
+The functions return nothing and allocate no memory where they can avoid it. numba compiles them (native.py); their
+plain source runs on Drake's AutoDiffXd and Expression. Helpers that they call are register_jitable, or njit if the
+helpers return no arrays: numba compiles an njit helper outside elements once, with the options of its first caller, and
+code that counts no references must pass no arrays to code that counts them.
 """
 
 import inspect
@@ -39,7 +39,7 @@ _KINDS: dict[str, Kind] = {"f": "f8", "i": "i8", "u": "u8", "b": "b1"}
 class Number:
     """A constant of an element: its name, its shape and its kind.
 
-    Floats (f8), whole numbers (i8) and streams of noise (u8) have eight bytes each, truths (b1) one, as in C.
+    Floats (f8), integers (i8) and noise streams (u8) take eight bytes each, booleans (b1) one, as in C.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Array:
-    """An array of any shape: its name, how many dimensions it has, and its kind."""
+    """An array of any shape: its name, its number of dimensions, and its kind."""
 
     name: str
     dimensions: int = 1
@@ -58,14 +58,14 @@ class Array:
 
 @dataclass(frozen=True)
 class Group:
-    """A NamedTuple of numbers, arrays and other such tuples as one parameter of an element's functions.
+    """A NamedTuple of numbers, arrays and other such NamedTuples, as one parameter of an element's functions.
 
-    Its numbers are among the element's constants and its arrays among the tables, each as "<group>_<field>".
+    The group's numbers are among the element's constants and its arrays among the tables, named "<group>_<field>".
 
     Attributes:
-        name: of the parameter.
-        of: its class.
-        fields: in the order of the class.
+        name: name of the parameter.
+        of: class of the NamedTuple.
+        fields: numbers, arrays and groups in the order of the class's fields.
     """
 
     name: str
@@ -74,11 +74,11 @@ class Group:
 
     @property
     def leaves(self) -> list[Number | Array]:
-        """Its numbers and arrays, and those of the groups in it."""
+        """The group's numbers and arrays, with the numbers and arrays of the groups in it."""
         return [leaf for item in self.fields for leaf in (item.leaves if isinstance(item, Group) else [item])]
 
     def filled(self, record: Any, array_of: Callable[[str], Any]) -> Any:
-        """Return the tuple, of the element's record and its arrays by their names."""
+        """Return the NamedTuple, filled from the element's record and from its arrays by name."""
         values = []
         for item in self.fields:
             if isinstance(item, Group):
@@ -89,10 +89,10 @@ class Group:
 
 
 def group_of(name: str, values: Any) -> tuple[Group, "Values"]:
-    """Return the fields of a NamedTuple as a Group, and its values as a box is given them.
+    """Return the fields of a NamedTuple as a Group, and its values as a box's Values.
 
     Raises:
-        ValueError: if a field is no number, array of numbers or such a tuple.
+        ValueError: if a field is no number, array of numbers or such a NamedTuple.
     """
     fields, given = list[Number | Array | Group](), Values()
     for field_name, value in values._asdict().items():
@@ -109,7 +109,7 @@ def group_of(name: str, values: Any) -> tuple[Group, "Values"]:
 
 
 def kind_of(name: str, value: Any) -> Kind:
-    """Return the kind of a constant's numbers; ValueError where it is not of numbers."""
+    """Return the kind of a constant's numbers; ValueError if the constant does not consist of numbers."""
     kind = np.asarray(value).dtype.kind
     if kind not in _KINDS:
         raise ValueError(f"{name}: is {value!r}, must be a number or an array of numbers")
@@ -118,20 +118,20 @@ def kind_of(name: str, value: Any) -> Kind:
 
 @dataclass(frozen=True)
 class Element:
-    """A kind of box: its functions, and of a box the constants, tables, states and work that its values make.
+    """A kind of box: its two functions, and the names and shapes of its constants, tables, states and work arrays.
 
     Attributes:
-        name: of the kind.
-        out: writes what it says; None where it shows a state.
-        step: changes its state; None where it has none.
-        numbers: its constants.
-        tables: its constants of any shape.
-        state: its states, of floats.
-        work: room to work in, of floats, which outlives no call.
-        shows: the state that it says; None where `out` says it.
-        allocates: whether its functions make arrays. One that does not is compiled without numba's memory management.
-        reads: what it reads where it has no functions: the vector inputs of a Drake System that plays it.
-        groups: NamedTuples that its functions take.
+        name: name of the kind.
+        out: function that writes the output; None if the element shows a state.
+        step: function that changes the state; None if the element has no state.
+        numbers: constants in the record `n`.
+        tables: constant arrays of any shape.
+        state: arrays of floats that last from tick to tick.
+        work: scratch arrays of floats; their values do not last from call to call.
+        shows: name of the state that is the output; None if `out` writes the output.
+        allocates: whether the functions make arrays. If not, numba compiles them without its memory management.
+        reads: inputs of an element without functions: the vector inputs of the Drake System that plays it.
+        groups: NamedTuples that the functions take as parameters.
     """
 
     name: str
@@ -147,7 +147,7 @@ class Element:
     groups: tuple[Group, ...] = ()
 
     def having(self, given: "Values", work: dict[str, tuple[int, ...]]) -> "Element":
-        """Return the element with the numbers, tables, state and work of a box's values."""
+        """Return the element with the numbers, tables and state that `given` has, and with these work arrays."""
         grouped = {leaf.name for group in self.groups for leaf in group.leaves}
         numbers = [(name, its) for name, its in given.numbers.items() if name not in grouped]
         tables = [(name, its) for name, its in given.tables.items() if name not in grouped]
@@ -162,43 +162,43 @@ class Element:
 
     @property
     def constants(self) -> tuple[Number, ...]:
-        """Its numbers and those of its groups."""
+        """The element's numbers and the numbers of its groups."""
         return (*self.numbers, *(item for group in self.groups for item in group.leaves if isinstance(item, Number)))
 
     @property
     def arrays(self) -> tuple[Array, ...]:
-        """Its tables and those of its groups."""
+        """The element's tables and the arrays of its groups."""
         return (*self.tables, *(item for group in self.groups for item in group.leaves if isinstance(item, Array)))
 
     @property
     def own(self) -> dict[str, Array]:
-        """The element's own arrays by name."""
+        """The element's own arrays (states, work arrays, tables) by name."""
         return {array.name: array for array in (*self.state, *self.work, *self.arrays)}
 
     @property
     def grouped(self) -> dict[str, Group]:
-        """Its groups by name."""
+        """The element's groups by name."""
         return {group.name: group for group in self.groups}
 
     @property
     def functions(self) -> dict[str, Callable[..., None]]:
-        """Its functions by name, those that it has: `out` and `step`."""
+        """The element's functions by name: `out`, `step`, or both."""
         return {what: f for what, f in (("out", self.out), ("step", self.step)) if f is not None}
 
     def inputs_of(self, function: Callable[..., None]) -> list[str]:
-        """Return the names of what one of its functions reads of other elements."""
+        """Return the names of the inputs that one of the element's functions reads from other elements."""
         known = {*RESERVED, *self.own, *self.grouped}
         return [name for name in takes(function) if name not in known]
 
     @property
     def inputs(self) -> list[str]:
-        """Names of what it reads of other elements."""
+        """The names of all inputs that the element reads from other elements."""
         named = [name for f in self.functions.values() for name in self.inputs_of(f)]
         return list(dict.fromkeys([*self.reads, *named]))
 
     @property
     def dtype(self) -> np.dtype:
-        """The record of its constants."""
+        """The type of the record that holds the element's constants."""
         fields: Any = [(number.name, number.kind, number.shape) for number in self.constants]
         return np.dtype(fields or [("nothing", "f8")], align=True)
 
@@ -210,14 +210,14 @@ def takes(function: Callable[..., None]) -> list[str]:
 
 @dataclass(frozen=True)
 class Values:
-    """The values given to a box: its constants, its state at the start, its tables."""
+    """The values given to a box: its constants, its states in tick 0 (`start`), its tables."""
 
     numbers: dict[str, Any] = field(default_factory=dict)
     start: dict[str, Any] = field(default_factory=dict)
     tables: dict[str, Any] = field(default_factory=dict)
 
     def updated(self, other: "Values") -> "Values":
-        """Return the same with other values where the other has any."""
+        """Return these values, replaced or extended by the values of `other`."""
         return Values(self.numbers | other.numbers, self.start | other.start, self.tables | other.tables)
 
 
@@ -226,15 +226,15 @@ class Box:
     """One element of a wiring.
 
     Attributes:
-        name: within its wiring.
-        element: what it does.
-        size: of what it says.
-        given: its values.
-        work: shape of each room to work in.
-        reads: which box each input reads, "box" or "box.part"; of an input that is not here the box of its name.
-        parts: where a part of what it says stands: first index and size.
-        holds: of a box without functions: names of boxes; what they say, one after the other, is what it says.
-        system: a Drake System that plays the box, where no element can; only Drake's player has it fly.
+        name: name of the box, unique in its wiring.
+        element: the functions of the box and the layout of its values.
+        size: size of the output.
+        given: values of the constants, tables and states.
+        work: shape of each work array.
+        reads: source of each input, "box" or "box.part"; an input that is not listed reads the box of the same name.
+        parts: named parts of the output: first index and size of each.
+        holds: names of boxes whose outputs, one after the other, are the output of a box without functions.
+        system: a Drake System that plays the box where no element can; only Drake's player can fly such a box.
     """
 
     name: str
@@ -251,14 +251,14 @@ class Box:
         object.__setattr__(self, "element", self.element.having(self.given, self.work))
 
     def with_inputs(self, **reads: str) -> "Box":
-        """Return a box whose inputs read these boxes."""
+        """Return a copy of the box whose inputs read these boxes."""
         return replace(self, reads=self.reads | reads)
 
     def with_groups(self, **tuples: Any) -> "Box":
-        """Return a box whose functions take these NamedTuples as well, by the names of their parameters.
+        """Return a copy of the box whose functions also take these NamedTuples, named as their parameters.
 
         Raises:
-            ValueError: if a field of one is no number, array of numbers or NamedTuple of them.
+            ValueError: if a field of a tuple is no number, array of numbers or NamedTuple of them.
         """
         groups, given = list[Group](), self.given
         for name, values in tuples.items():
@@ -269,13 +269,13 @@ class Box:
 
 
 def parts_of(sizes: Mapping[str, int]) -> dict[str, tuple[int, int]]:
-    """Return where parts of these sizes stand, one after the other: first index and size."""
+    """Return the first index and the size of each part, for parts that follow one another in one vector."""
     starts = accumulate(sizes.values(), initial=0)
     return {name: (at, size) for at, (name, size) in zip(starts, sizes.items(), strict=False)}
 
 
 def bundle(name: str, boxes: list[Box]) -> Box:
-    """Return a box that says what several boxes say, one after the other, each a part of it; 0 where there are none."""
+    """Return a box whose output joins the outputs of boxes, each a named part; a constant 0 if there are no boxes."""
     if not boxes:
         return constant(name, 0.0)
     sizes = {box.name: box.size for box in boxes}
@@ -286,11 +286,11 @@ OUTSIDE = Element("outside")
 
 
 def outside(name: str, size: int) -> Box:
-    """Return the box of a signal from outside a wiring: an input of its Drake system."""
+    """Return the box of a signal from outside a wiring: an input port of the wiring's Drake system."""
     return Box(name, OUTSIDE, size)
 
 
 def constant(name: str, values: Any) -> Box:
-    """Return a box that always says the same numbers."""
+    """Return a box whose output is constant."""
     start = np.atleast_1d(np.asarray(values, dtype=float))
     return Box(name, Element("constant", shows="values"), start.size, Values(start={"values": start}))

@@ -1,4 +1,4 @@
-"""Generated modules: written once, kept beside numba's cache, and cleared where no code has asked for them for long."""
+"""Generated modules: written once, kept beside numba's cache, and deleted when they have not been used for long."""
 
 import contextlib
 import os
@@ -9,12 +9,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-MOST: Final = 4000  # files that are kept; the tests make about a thousand
-LONGEST: Final = 30 * 86400.0  # that a file is kept unasked for [s]
+MOST: Final = 4000  # largest number of files kept; the tests make about a thousand
+LONGEST: Final = 30 * 86400.0  # longest time that an unused file is kept [s]
 
 
 def generated_folder() -> Path:
-    """Return the folder of generated files, beside numba's cache, so that their compiled code is kept too."""
+    """Return the folder of generated files; it is beside numba's cache, so that numba keeps their compiled code too."""
     own = os.environ.get("NUMBA_CACHE_DIR")
     beside = Path(own) if own else Path(__file__).parent / "__pycache__"
     if not os.access(beside if beside.exists() else beside.parent, os.W_OK):
@@ -23,9 +23,9 @@ def generated_folder() -> Path:
 
 
 def load(name: str, text: str, known: dict[str, Any]) -> ModuleType:
-    """Write a generated module, unless it is there, and run it with names that it need not import.
+    """Write a generated module, unless its file exists, and run it with the names in `known` already defined.
 
-    numba looks for the file of what it compiles, to keep the result beside it.
+    The file is needed because numba keeps compiled code beside the source file.
     """
     module = ModuleType(f"ortilo_generated.{name}")
     if module.__name__ in sys.modules:
@@ -50,23 +50,23 @@ def load(name: str, text: str, known: dict[str, Any]) -> ModuleType:
 
 
 def is_there(file: Path) -> bool:
-    """Return whether a file is there, and mark it as asked for now; numba goes by when it was changed, which stays."""
+    """Return whether a file exists, and set its access time to now; numba's cache needs its unchanged change time."""
     try:
         os.utime(file, ns=(time.time_ns(), file.stat().st_mtime_ns))
-    except OSError:  # it may also belong to someone else, who keeps it
+    except OSError:  # the file may also belong to another user, who marks it
         return file.exists()
     return True
 
 
 def clear(folder: Path, most: int = MOST, longest: float = LONGEST) -> None:
-    """Delete generated files that nobody has asked for, with what numba keeps of them.
+    """Delete generated files that have not been used for long, with numba's compiled code of them.
 
-    Other processes may do the same at the same time, or have loaded what is deleted: they no longer need the file.
+    Other processes may delete at the same time. A process that has loaded a module no longer needs its file.
 
     Args:
-        folder: where they are.
-        most: how many stay, those that were asked for last.
-        longest: how long one stays that is not asked for [s].
+        folder: folder of the generated files.
+        most: number of files to keep; the most recently used ones stay.
+        longest: longest time that an unused file stays [s].
     """
     asked, now = dict[str, float](), time.time()
     for file in folder.glob("*.py"):

@@ -1,4 +1,4 @@
-"""Boxes of elements of one's own, of plain functions and values.
+"""Boxes for your own elements, made of plain functions and values.
 
 def out(n, estimate, reference, out):
     out[0] = n.gain * (reference[2] - estimate[2])
@@ -30,20 +30,21 @@ def box(
     """Return a box of an element of your own, made of two plain functions (docs/how_to/own_parts.md).
 
     The names of their parameters decide what is passed: `out` the array for the output; `n` the numbers; a name in
-    tables, state or work that array; `k` the tick; `seed` the seed of its noise; any other name another part's output.
+    tables, state or work that array; `k` the tick; `seed` the seed of the tick's noise; any other name the output of
+    the box of that name.
 
     Args:
-        size: of its output.
-        out: writes the output of a tick; None if it shows a state.
-        step: changes the state to that of the next tick; None without a state.
+        size: size of the output.
+        out: function that writes the output of a tick; None if `shows` is given.
+        step: function that changes the state to the next tick's; None without a state.
         numbers: constants, attributes of `n`.
         tables: constant arrays.
-        state: arrays of floats, as they are at the start.
-        work: shapes of arrays to work in.
-        shows: the state that is the output, in place of `out`.
+        state: arrays of floats, with their values in tick 0.
+        work: shapes of scratch arrays.
+        shows: name of the state that is the output, in place of `out`.
 
     Raises:
-        ValueError: if a value is no number or array of numbers, or there is no output.
+        ValueError: if a value is no number or array of numbers, the size is no positive integer, or there is no output.
     """
     if not isinstance(size, Integral) or size < 1:
         raise ValueError(f"size: {size!r}: must be an integer, at least 1")
@@ -56,12 +57,12 @@ def box(
 
 
 def output_at_first(its: Box, what: str, sizes: Mapping[str, int]) -> np.ndarray:
-    """Call `out` or `step` of a box in tick 0 in plain Python, with zeros at its inputs; return what it says.
+    """Call `out` or `step` of a box in tick 0 in plain Python, with zeros at its inputs; return the output array.
 
     Args:
         its: the box.
-        what: which of the two; of a box that shows a state there may be no `out`.
-        sizes: of its inputs.
+        what: "out" or "step"; without a function of that name, the state that the box shows is returned.
+        sizes: size of each input, by name.
     """
     element, given, n = its.element, its.given, np.zeros(1, its.element.dtype).view(np.recarray)[0]
     if what not in element.functions:

@@ -1,4 +1,4 @@
-"""The seed of a system's noise: its Context's own, unless Drake draws the Context or the system has another place."""
+"""The seed of a system's noise: the Context's own seed, unless Drake drew the Context or the system was renamed."""
 
 import hashlib
 
@@ -11,9 +11,9 @@ def seed_of(own: int, chance: float, place: str) -> int:
     """Return the seed of all noise of a system.
 
     Args:
-        own: seed of the Context; the answer where nothing else is given.
-        chance: a number that Drake drew; 0 where it drew none.
-        place: where the system is; empty where it has the name that it was made with.
+        own: seed of the Context; returned unchanged if chance is 0 and place is empty.
+        chance: a number that Drake drew; 0 if Drake drew none.
+        place: name of the system in its Diagram; empty if the system has the name that it was made with.
     """
     if chance == 0.0 and not place:
         return own
@@ -22,10 +22,10 @@ def seed_of(own: int, chance: float, place: str) -> int:
 
 
 def add_chance(builder: DiagramBuilder, h: float) -> OutputPort:
-    """Add what lets Drake draw the seed; return its output, `chance` (1).
+    """Add the system by which Drake can draw the seed; return its output `chance` (1).
 
-    Python's systems are not asked for a random Context. Drake's linear system is: x_{k+1} = x_k, of tick h [s], is 0
-    in a default Context, and standard normal in one of SetRandomContext.
+    Drake draws no random state for systems written in Python, but does for its own LinearSystem. This one has
+    x_{k+1} = x_k with tick h [s]; x is 0 in a default Context and standard normal after SetRandomContext.
     """
     one, none = np.eye(1), np.zeros((1, 0))
     chance = LinearSystem(A=one, B=none, C=one, D=none, time_period=h)

@@ -11,7 +11,7 @@ from ortilo_drake.loop.element import RESERVED, Box
 
 @dataclass(frozen=True)
 class Wire:
-    """The source of an input: a box, and the part of its output."""
+    """The source of an input: a box, and the first index and size of the part of its output that is read."""
 
     box: str
     first: int
@@ -22,8 +22,8 @@ class Wiring:
     """Boxes, in any order, checked as a whole.
 
     Raises:
-        ValueError: if two boxes have one name, if an input reads what is not there, if a value has a reserved name, if
-            a box shows what is no state of its size, or if outputs read each other in a circle.
+        ValueError: if two boxes have the same name, an input reads a box or part that does not exist, a value has a
+            reserved name, a box shows no state of its output's size, or outputs read one another in a loop.
     """
 
     def __init__(self, boxes: list[Box]):
@@ -41,7 +41,7 @@ class Wiring:
         _ = self.out_order, self.step_order
 
     def wire(self, said: str, reader: str) -> Wire:
-        """Return the wire from "box" or "box.part"; ValueError names the reader if there is no such source."""
+        """Return the wire from `said`, "box" or "box.part"; ValueError names the reader if this source is missing."""
         name, _, part = said.partition(".")
         source = self.boxes.get(name)
         if source is None:
@@ -52,14 +52,14 @@ class Wiring:
 
     @cached_property
     def out_order(self) -> list[Box]:
-        """The boxes that compute what they say, each after those that it reads."""
+        """The boxes with an `out` function, each after the boxes that its `out` reads."""
         says = {name for name, box in self.boxes.items() if box.element.out is not None}
         graph = {name: sorted(self._read_by(name, "out") & says) for name in says}
         return [self.boxes[name] for name in _sorted(graph)]
 
     @cached_property
     def step_order(self) -> list[Box]:
-        """The boxes with a step: who reads a state that is shown comes before whose it is."""
+        """The boxes with a `step` function; a box that reads a shown state steps before the state's owner."""
         steps = {name for name, box in self.boxes.items() if box.element.step is not None}
         graph: dict[str, list[str]] = {name: [] for name in steps}
         for name in sorted(steps):
@@ -75,7 +75,7 @@ class Wiring:
 
 
 def _sorted(graph: dict[str, list[str]]) -> list[str]:
-    """Return names, each after those that it needs; of several that could be next by the alphabet."""
+    """Return the names of a graph, each after the names that it needs; names that may come next are sorted."""
     sorter, found = TopologicalSorter(graph), list[str]()
     try:
         sorter.prepare()
@@ -89,7 +89,7 @@ def _sorted(graph: dict[str, list[str]]) -> list[str]:
 
 
 def check_values(box: Box) -> None:
-    """Check the names of a box's values, and the state that it shows; ValueError where they are wrong."""
+    """Raise ValueError if a value of a box has a reserved name, or if the box shows no state of its output's size."""
     element = box.element
     named = {*element.own, *(number.name for number in element.constants)}
     if reserved := sorted(named & set(RESERVED)):

@@ -1,10 +1,10 @@
 """The typed scenario: everything that decides a flight, and nothing else.
 
-A scenario is a YAML file that holds the fields of Scenario; what it leaves out takes the default given there, and the
-defaults together are a valid flight. Units are SI, angles in radians. A wrong file is refused before anything
+A scenario is a YAML file that holds the fields of Scenario. A field that the file leaves out takes its default, and the
+defaults together are a valid flight. Units are SI, angles are in radians. A wrong file is refused before anything
 runs, with one line that names the file, the field, the value and what is allowed (InputError).
 
-Its groups of settings are modules of this folder, one a subject; whatever they define can be imported from here.
+Each module of this folder holds the settings of one subject; import the settings from here.
 """
 
 from ortilo_drake.model.typed_yaml import InputError

@@ -1,8 +1,8 @@
 """The belief: the part of a scenario that the onboard half may know.
 
-A scenario decides a whole flight. Its Belief is the part that a team knows before it flies: the surveyed room, the
-vehicle as it was weighed, the rates of the sensors, and the settings of everything onboard. It holds neither the seed
-nor the world's differences (scenario/truth.py), nor the world's random parts: disturbance, noise, losses, delays.
+A scenario decides a whole flight. Its Belief is the part that a team knows before the flight: the surveyed room, the
+weighed vehicle, the rates of the sensors, and the settings of everything onboard. A Belief holds neither the seed, nor
+the errors of the belief (scenario/truth.py), nor the world's random parts: disturbance, noise, losses, delays.
 """
 
 import json
@@ -35,16 +35,16 @@ def _as_file_name(name: str) -> str:
     return name
 
 
-Name = Annotated[str, AfterValidator(_as_file_name)]  # a folder of flights is called so
+Name = Annotated[str, AfterValidator(_as_file_name)]  # a folder of flights has this name
 
 
 def measurement_of(
     sensors: Iterable[str], camera: tuple[Row, ...] = CAMERA, ages: Mapping[str, float] | None = None, yaw: float = 0.0
 ) -> Measurement:
-    """Return the measurement of the paper's three sensors and of the registered ones among those of these names.
+    """Return the measurement of the paper's three sensors and of the registered sensors among `sensors`.
 
-    A landmark fix fills the rows `camera`. The values of sensors that are faster than the tick are of some ages on
-    average [s], by their names; the yaw is the heading that is held [rad].
+    A landmark fix fills the rows `camera`. `ages` gives the mean age of the values of each sensor that is faster than
+    the tick [s]; `yaw` is the heading that the servo holds [rad].
     """
     own = ((name, find_sensor(name)) for name in sensors if name not in SENSORS)
     paper = ((name, camera if rows is CAMERA else rows) for name, rows in PAPER)
@@ -56,27 +56,26 @@ def measurement_of(
 
 
 class Belief(Frozen):
-    """A scenario as the onboard half knows it."""
+    """The part of a scenario that the onboard half knows."""
 
     name: Name = "default"
-    """its name in tables and files."""
+    """name of the scenario in tables and files."""
     control_rate: Annotated[float, Field(ge=5.0, le=1000.0)] = 30.0
-    """ticks a second, 1 / h [Hz]."""
+    """ticks per second, 1 / h [Hz]."""
     room: FileName = "ortilo"
     """the surveyed map: 'ortilo' or the path of a room file, relative to the scenario's own folder."""
     vehicle: Vehicle = Vehicle()
-    """mass, inertia and rotors as they are believed to be; a scenario file may name a file of them instead, found as a
-    room's is."""
+    """believed mass, inertia and rotors; a scenario file may name a vehicle file instead, by a path as in `room`."""
     sensors: tuple[Literal["uwb", "camera", "imu"], ...] = SENSORS
-    """which of uwb, camera and imu fly; the others never arrive."""
+    """the sensors that fly, of uwb, camera and imu; messages of the others never arrive."""
     imu: ImuSetup = ImuSetup()
-    """attitude, body rates and specific force."""
+    """the IMU: attitude, body rates and specific force."""
     uwb: UwbSetup = UwbSetup()
     """ranges to the room's anchors."""
     camera: CameraSetup = CameraSetup()
-    """boxes of landmarks."""
+    """the camera: boxes of landmarks."""
     detector: Detector = Detector()
-    """the network that looks at a rendered camera's pictures."""
+    """the network that finds landmarks in a rendered camera's pictures."""
     multilateration: Multilateration = Multilateration()
     """position from ranges."""
     landmark_fix: LandmarkFix = LandmarkFix()
@@ -84,15 +83,15 @@ class Belief(Frozen):
     estimator: IntermittentFilter = IntermittentFilter()
     """the filter."""
     servo: LqServo = LqServo()
-    """what makes a control of state and reference."""
+    """the controller, from state and reference to control."""
     planner: Planner = GcsPlanner()
     """the path to fly."""
     commands: Commands = Commands()
-    """the treatment of commands that act late."""
+    """the treatment of late commands."""
 
     @property
     def belief(self) -> "Belief":
-        """The part that the onboard half may know: of a Belief, itself."""
+        """The part that the onboard half may know; a Belief returns itself."""
         return self
 
     @property
@@ -102,7 +101,7 @@ class Belief(Frozen):
 
     @property
     def yaw(self) -> float:
-        """The heading that is held [rad]; 0 with a registered servo without such a setting."""
+        """The heading that the servo holds [rad]; 0 for a registered servo without a setting `yaw`."""
         return float(getattr(self.servo, "yaw", 0.0))
 
     @property
@@ -112,7 +111,7 @@ class Belief(Frozen):
 
     @property
     def linear_filter(self) -> IntermittentFilter | None:
-        """The linear filter that the estimator equals near hover, its own or declared at registration; else None."""
+        """The linear filter that the estimator equals near hover, built in or declared at registration; else None."""
         if isinstance(self.estimator, IntermittentFilter):
             return self.estimator
         part = find_part("estimator", self.estimator.kind)
@@ -120,12 +119,12 @@ class Belief(Frozen):
 
     @property
     def is_rendered(self) -> bool:
-        """True if there is a camera that renders pictures."""
+        """True if the camera flies and renders pictures."""
         return self.camera.kind == "rendered" and "camera" in self.sensors
 
     @property
     def image_width(self) -> int:
-        """Width of the image that the camera's boxes are in [px]."""
+        """Width of the image in which the camera's boxes are given [px]."""
         return self.camera.width
 
     def group_of(self, sensor: str) -> Any:
@@ -158,17 +157,17 @@ class Belief(Frozen):
         return "camera" in self.sensors
 
     def is_picture(self, sensor: str) -> bool:
-        """Return whether a sensor sends pictures: its message is the shutter's."""
+        """Return whether a sensor sends pictures; its message is then the one of the shutter."""
         return sensor == "camera" and self.is_rendered
 
     @property
     def imu_period(self) -> float:
-        """The interval between samples of the imu, which sets their noise [s]: a tick, or less if it is faster."""
+        """The interval between IMU samples, which sets their noise [s]: a tick, or less if the IMU is faster."""
         return self.h / self.samples("imu")
 
     @property
     def samples_at_rest(self) -> int:
-        """The number of imu samples while the vehicle rests on the floor before take-off, at least a message's."""
+        """The number of IMU samples while the vehicle rests before take-off, at least one message; 0 without rest."""
         if "imu" not in self.sensors or self.imu.standstill == 0.0:
             return 0
         messages = int(self.imu.standstill / (self.every("imu") * self.h) + 1e-9)
@@ -176,11 +175,11 @@ class Belief(Frozen):
 
     @property
     def faster_sensors(self) -> tuple[str, ...]:
-        """Those that fly and are faster than the tick."""
+        """The sensors that fly and are faster than the tick."""
         return tuple(sensor for sensor in self.sensors if self.samples(sensor) > 1)
 
     def settings_of(self, sensor: str) -> Any:
-        """Return the settings of a registered sensor, its defaults where the scenario has none."""
+        """Return the settings of a registered sensor; its defaults if the scenario has none."""
         found = find_sensor(sensor)
         if found is None:
             raise ValueError(f"sensors: {sensor!r}: is not registered")
@@ -188,21 +187,21 @@ class Belief(Frozen):
 
     @property
     def flown_rows(self) -> tuple[str, ...]:
-        """Names of the rows of y that sensors that fly have."""
+        """The names of the rows of y that belong to sensors that fly."""
         return tuple(row.name for sensor, rows in self.measurement.rows if sensor in self.sensors for row in rows)
 
     @property
     def measurement(self) -> Measurement:
-        """The layout of what the filter gets: the paper's three sensors, and the registered ones that fly.
+        """The layout of the filter's measurement: the paper's three sensors, and the registered sensors that fly.
 
-        Of a sensor faster than the tick it gets the mean of a tick's samples, which is (n - 1) h / (2 n) old.
+        From a sensor faster than the tick, the filter gets the mean of a tick's n samples; it is (n - 1) h / (2 n) old.
         """
         faster = {sensor: self.samples(sensor) for sensor in self.faster_sensors}
         ages = {sensor: 0.5 * (n - 1) / n * self.h for sensor, n in faster.items()}
         return measurement_of(self.sensors, self.landmark_fix.rows, ages, self.yaw)
 
     def load_room(self) -> Room:
-        """Return the room as it was surveyed, with the camera as it was calibrated; InputError if its file is wrong."""
+        """Return the surveyed room, with the calibrated camera if there is one; InputError if the file is wrong."""
         room, calibration = (
             load_room(ORTILO_ROOM if self.room == "ortilo" else Path(self.room)),
             self.camera.calibration,
@@ -211,26 +210,26 @@ class Belief(Frozen):
 
     @classmethod
     def model_for(cls, data: Any) -> type[Self]:
-        """Return the model of data that may name registered parts."""
+        """Return the model for these data, which may name registered parts."""
         model: Any = model_for(cls, data)
         return model
 
     @classmethod
     def model_of_all(cls) -> type[Self]:
-        """Return the model of data that may name any registered part."""
+        """Return the model that holds the settings of every registered part."""
         model: Any = model_of_all(cls)
         return model
 
     @classmethod
     def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
-        """Return a scenario, or a belief, from JSON, which may name registered parts."""
+        """Return a Scenario or a Belief from JSON, which may name registered parts."""
         try:
             model: Any = cls.model_for(json.loads(json_data))
-        except ValueError:  # no JSON, which pydantic says better
+        except ValueError:  # no JSON: pydantic's message is better
             model = cls
         found: Any = super(Belief, model).model_validate_json(json_data, **options)
         return found
 
     def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
-        """Pickle as JSON: a model with registered parts has no name to be found by."""
+        """Pickle as JSON: pickle cannot find a model with registered parts by name."""
         return Belief.model_validate_json, (self.model_dump_json(),)

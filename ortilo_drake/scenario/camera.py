@@ -12,53 +12,54 @@ from ortilo_drake.scenario.sensors import SensorSetup
 
 
 class MeasuredErrors(Frozen):
-    """Errors of a detector, as measured."""
+    """The measured errors of a detector."""
 
     kind: Literal["measured"] = "measured"
     file: FileName = "rendered"
-    """'rendered', the rendered camera and our own detector, or the path of a calibration file (ortilo detector
-    calibrate)."""
+    """'rendered' for the errors of our own detector on the rendered camera, or the path of a calibration file (ortilo
+    detector calibrate)."""
 
 
 class ParametricErrors(Frozen):
-    """Errors of a detector by a few numbers; new in every tick."""
+    """Errors of a detector, described by a few numbers and drawn anew in every tick."""
 
     kind: Literal["parametric"]
     edge_sd: NonNegativeFloat = 1.3
-    """noise of each edge of a box that the image's border does not cut [px]."""
+    """standard deviation of each box edge that the image's border does not cut [px]."""
     miss_base: Probability = 0.02
     """miss rate at distance 0 [1]."""
     miss_per_metre: NonNegativeFloat = 0.02
     """growth of the miss rate with distance [1/m]."""
     max_distance: Positive = 12.0
-    """farther landmarks are never found [m]."""
+    """distance beyond which a landmark is never found [m]."""
     min_size: NonNegativeFloat = 6.0
-    """smaller boxes, in either direction, are never found [px]."""
+    """a landmark whose box is smaller than this in either direction is never found [px]."""
     min_visible: Probability = 0.6
-    """a landmark is found if at least this share of it [1] is not hidden by walls and stands."""
+    """a landmark can only be found if walls and stands leave at least this share of it visible [1]."""
     false_boxes: Annotated[float, Field(ge=0.0, le=5.0)] = 0.1
-    """mean number of false boxes an image (Poisson) [1]."""
+    """mean number of false boxes per image (Poisson) [1]."""
 
 
 CameraErrors = Annotated[MeasuredErrors | ParametricErrors, Field(discriminator="kind")]
 
 
 class Calibration(Frozen):
-    """A camera as it was calibrated, in the place of the room's; a file of Kalibr, ROS or OpenCV may stand for it."""
+    """A calibrated camera that replaces the room's camera; a file of Kalibr, ROS or OpenCV may be named instead."""
 
     width: Side
-    """of the pictures that it was calibrated with [px]; camera.width scales it."""
+    """width of the pictures used for calibration [px]; camera.width scales the calibration."""
     height: Side
-    """of them [px]."""
+    """height of the pictures used for calibration [px]."""
     focal_length: tuple[Positive, Positive]
-    """along width and height [px]."""
+    """focal lengths along width and height [px]."""
     center: tuple[float, float]
-    """principal point, where the first pixel's centre is (0, 0) [px]."""
+    """principal point; the first pixel's centre is (0, 0) [px]."""
     distortion: Distortion = "none"
-    """how the lens bends straight lines: 'brown_conrady' is OpenCV's usual model (plumb_bob, rational_polynomial,
-    radtan), 'fisheye' its other (equidistant)."""
+    """model of the lens distortion: 'brown_conrady' is OpenCV's usual model (plumb_bob, rational_polynomial, radtan),
+    'fisheye' is OpenCV's fisheye model (equidistant)."""
     coefficients: Coefficients = ()
-    """of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4 [1]."""
+    """distortion coefficients [1]: k1, k2, p1, p2, and optionally k3, or k3, k4, k5, k6, with 'brown_conrady'; k1, k2,
+    k3, k4 with 'fisheye'."""
 
     @model_validator(mode="after")
     def _is_a_camera(self) -> "Calibration":
@@ -66,7 +67,7 @@ class Calibration(Frozen):
         return self
 
     def on(self, camera: CameraModel) -> CameraModel:
-        """Return the calibrated camera where the room's is."""
+        """Return the calibrated camera, at the position of the room's camera."""
         f_u, f_v = self.focal_length
         its = {"focal_length": f_u, "aspect": f_v / f_u, "position": camera.position}
         return CameraModel.model_construct(**(self.model_dump() | its))
@@ -78,16 +79,16 @@ class CameraSetup(SensorSetup):
     link: LinkRate = LinkRate(rate=10.0)
     """rate of the pictures or boxes."""
     kind: Literal["projected", "rendered"] = "projected"
-    """'rendered' draws pictures for a detector; 'projected' computes the boxes of a detector with our detector's
-    measured errors, eighty times as fast."""
+    """'rendered' draws pictures for a detector. 'projected' computes boxes with the measured errors of our detector,
+    eighty times as fast."""
     width: Annotated[int, Field(ge=16, le=8192)] = 320
-    """image width [px], to which the room's camera is scaled; 16 to 8192, or 64 to 2048 where it is rendered."""
+    """image width, to which the room's camera is scaled [px]: 16 to 8192, or 64 to 2048 if the camera is rendered."""
     latency: Annotated[int, Field(ge=0, le=1000)] = 1
-    """time from picture to boxes [ticks]; a rendered camera's detector takes one at least (it needs about a third of a
+    """time from picture to boxes [ticks]; at least 1 if the camera is rendered (its detector needs about a third of a
     tick of 1/30 s)."""
     calibration: Calibration | None = None
-    """the calibrated camera; null uses the room's. A scenario file, or `--set`, may name a file of Kalibr, ROS
-    (camera_info) or OpenCV (FileStorage) instead; a path is relative as a room's is."""
+    """the calibrated camera; null uses the room's camera. A scenario file, or `--set`, may name a file of Kalibr, ROS
+    (camera_info) or OpenCV (FileStorage) instead, by a path as in `room`."""
 
     @model_validator(mode="after")
     def _can_be_rendered(self) -> "CameraSetup":
@@ -104,4 +105,4 @@ class Camera(CameraSetup):
     link: Link = Link(rate=10.0)
     """rate and delivery of the pictures or boxes."""
     errors: CameraErrors = MeasuredErrors()
-    """missed landmarks, errors of boxes, and false boxes, for a projected camera and for the theory."""
+    """missed landmarks, box errors and false boxes, for a projected camera and for the theory."""

@@ -1,4 +1,4 @@
-"""Settings of the paper's estimator: its models of noise, forces and biases, and the robust form."""
+"""Settings of the paper's estimator: models of noise, forces and biases, and the robust form."""
 
 from typing import Annotated, Literal
 
@@ -10,70 +10,70 @@ from ortilo_drake.scenario.onboard import Gate, PositiveVec3
 
 
 class HuberWeight(Frozen):
-    """Huber's weight: a value weighs less the farther it is, from some distance on."""
+    """Huber's weight: beyond a distance c from the prediction, a value weighs less the farther it is."""
 
     kind: Literal["huber"] = "huber"
     c: Annotated[float, Field(ge=0.1, le=100.0)] = 4.0
-    """Mahalanobis distance d of a value from its prediction up to which it weighs in full; beyond, its covariance is
-    taken d / c times as large [1]."""
+    """Mahalanobis distance of a value from its prediction up to which it has full weight [1]; beyond, at distance d,
+    its covariance is multiplied by d / c."""
 
 
 class StudentWeight(Frozen):
-    """The weight of Student's t distribution, whose tails are longer than the Gaussian's."""
+    """The weight of Student's t distribution, whose tails are heavier than the Gaussian's."""
 
     kind: Literal["student_t"]
     dof: Annotated[float, Field(ge=1.0, le=1000.0)] = 5.0
-    """degrees of freedom nu; the covariance of a value of m rows is taken (nu + d^2) / (nu + m) times as large where
-    that is more than 1 [1]."""
+    """degrees of freedom nu [1]; the covariance of a value with m rows at Mahalanobis distance d is multiplied by
+    (nu + d^2) / (nu + m) if this factor is more than 1."""
 
 
 class Adaptation(Frozen):
-    """Noise that is taken for larger while innovations are larger than believed."""
+    """Measurement noise that grows while innovations are larger than their assumed covariance explains."""
 
     time: Positive = 5.0
-    """over which the squared Mahalanobis distance of accepted values, per row, is averaged [s]."""
+    """averaging time of the squared Mahalanobis distance per row of accepted values [s]."""
     tolerates: Annotated[float, Field(ge=1.0, le=100.0)] = 2.0
-    """average up to which the noise stays what it is believed to be [1]; it is 1 where all is right."""
+    """average up to which the noise is left unchanged [1]; the average is 1 if the assumed noise is right."""
     most: Annotated[float, Field(ge=1.0, le=1e4)] = 16.0
-    """factor on a covariance at most [1]."""
+    """largest factor on a covariance [1]."""
 
 
 class Opening(Frozen):
-    """By how much the filter believes its estimate less where it is opened; standard deviations per axis."""
+    """Growth of the estimate's covariance when the filter stops trusting the estimate: standard deviations per axis."""
 
     position: NonNegativeFloat = 0.5
-    """[m]."""
+    """standard deviation added to the position [m]."""
     angle: NonNegativeFloat = 0.1
-    """of roll, pitch and yaw [rad]."""
+    """standard deviation added to roll, pitch and yaw [rad]."""
     velocity: NonNegativeFloat = 0.3
-    """[m/s]."""
+    """standard deviation added to the velocity [m/s]."""
     rate: NonNegativeFloat = 0.1
-    """of the Euler rates [rad/s]."""
+    """standard deviation added to the Euler rates [rad/s]."""
     gyroscope: NonNegativeFloat = 0.01
-    """of the gyroscope's bias, where it is estimated [rad/s]."""
+    """standard deviation added to the gyroscope's bias, if it is estimated [rad/s]."""
 
 
 class Robust(Frozen):
-    """The filter's treatment of values beyond their believed noise; no effect on values within it."""
+    """The filter's treatment of values beyond their assumed noise; values within it are not affected."""
 
     gate: Gate = 0.999999
     """probability that a correct value is used [1]: a value is rejected if its squared Mahalanobis distance from the
     filter's prediction exceeds the chi-square quantile."""
     weight: Annotated[HuberWeight | StudentWeight, Field(discriminator="kind")] = HuberWeight()
-    """how much values within the gate count."""
+    """weight of values within the gate."""
     adaptation: Adaptation | None = Adaptation()
-    """how the believed noise of each sensor follows its innovations; null keeps it."""
+    """adaptation of each sensor's assumed noise to its innovations; null for none."""
     reacquire_after: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
-    """if a sensor was rejected for so long [s], and no other that measures the same was used, it is trusted more than
-    the estimate: the estimate's covariance is increased."""
+    """time [s] after which a rejected sensor is trusted more than the estimate, if no other sensor that measures the
+    same was used meanwhile: the estimate's covariance is then increased by `opening`."""
     opening: Opening = Opening()
-    """by how much."""
+    """increase of the estimate's covariance when a sensor is reacquired."""
     drift: Annotated[float, Field(ge=0.1, le=60.0)] | None = 1.0
-    """time over which innovations of the imu's angles are averaged [s]; if their mean is not 0, by the gate's
+    """averaging time of the innovations of the imu's angles [s]; if their mean differs from 0, tested with the gate's
     probability, the gyroscope's bias is estimated anew. Only with rates 'measured'; null for no such test."""
     stuck: Annotated[int, Field(ge=2, le=1000)] | None = 3
-    """after so many messages [1] in a row with the same content a sensor counts as stuck; it is ignored until its
-    values change. null for no such test."""
+    """number of successive messages with the same content [1] after which a sensor counts as stuck; it is ignored until
+    its values change. null for no such test."""
 
 
 InitialSd = Annotated[float, Field(ge=1e-6, le=1e3)]
@@ -96,8 +96,8 @@ class Noise(Frozen):
     camera: PositiveVec3 | None = None
     """variances of a camera fix per axis [m^2]."""
     imu: PositiveVec3 = (1.0e-4, 1.0e-4, 1.0e-4)
-    """variances of roll, pitch and yaw [rad^2], as those below of a sample every 1/30 s; a sample every T seconds is
-    believed to have 1 / (30 T) of them."""
+    """variances of roll, pitch and yaw [rad^2]. All variances of the imu are for a sample every 1/30 s; for a sample
+    every T seconds the filter uses 1 / (30 T) of them."""
     specific_force: PositiveVec3 = (2.5e-3, 2.5e-3, 2.5e-3)
     """variances of the imu's specific force per axis [m^2/s^4]; read with force 'measured'."""
     rates: PositiveVec3 = (1.0e-6, 1.0e-6, 1.0e-6)
@@ -105,54 +105,54 @@ class Noise(Frozen):
 
 
 class DisturbanceW(Frozen):
-    """W = Gamma_d diag(force^2, torque^2) Gamma_d^T / h of a white disturbance held over each tick h."""
+    """W = Gamma_d diag(force^2, torque^2) Gamma_d^T / h for a white disturbance that is held over each tick h."""
 
     kind: Literal["disturbance"] = "disturbance"
     force_density: Positive = 0.27 * USUAL_ROOT
-    """of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s."""
+    """noise density of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s."""
     torque_density: Positive = 0.005 * USUAL_ROOT
-    """of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s."""
+    """noise density of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s."""
 
     def sds(self, h: float) -> tuple[float, float]:
-        """Return the standard deviations of force [N] and torque [N m] in a tick [s]."""
+        """Return the standard deviations of force [N] and torque [N m] in a tick of h [s]."""
         return white_sd(self.force_density, h), white_sd(self.torque_density, h)
 
 
 class DiagonalW(Frozen):
-    """W diagonal, a variance for each group of states in a tick of 1/30 s; a tick h has 30 h of it."""
+    """A diagonal W, with a variance for each group of states in a tick of 1/30 s; a tick h [s] has 30 h times these."""
 
     kind: Literal["diagonal"]
     position: NonNegativeFloat
-    """of x, y, z [m^2]."""
+    """variance of x, y, z [m^2]."""
     angle: NonNegativeFloat
-    """of roll, pitch, yaw [rad^2]."""
+    """variance of roll, pitch, yaw [rad^2]."""
     velocity: NonNegativeFloat
-    """of the velocity [m^2/s^2]."""
+    """variance of the velocity [m^2/s^2]."""
     rate: NonNegativeFloat
-    """of the Euler rates [rad^2/s^2]."""
+    """variance of the Euler rates [rad^2/s^2]."""
 
 
 class Walks(Frozen):
-    """The random walks of force, torque and accelerometer bias, about 0 at first; see estimator.force."""
+    """The random walks of force, torque and sensor biases, which start about 0; see estimator.force."""
 
     force_sd: NonNegativeFloat = 1.5
-    """standard deviation of the disturbance force per axis at first [N]."""
+    """initial standard deviation of the disturbance force per axis [N]."""
     force_rate: NonNegativeFloat = 0.011
-    """of its change, times the square root of the time that it takes [N/s^(1/2)]."""
+    """random walk of the force: standard deviation of its change over the square root of time [N/s^(1/2)]."""
     torque_sd: NonNegativeFloat = 0.0
-    """of the disturbance torque in B at first [N m], for example from a wrong centre of gravity; with 0 the filter
-    estimates none."""
+    """initial standard deviation of the disturbance torque in B [N m], for example from a wrong centre of gravity; with
+    0 the filter estimates no torque."""
     torque_rate: NonNegativeFloat = 0.0001
-    """of its change, likewise [N m/s^(1/2)]."""
+    """random walk of the torque, as force_rate [N m/s^(1/2)]."""
     accelerometer_sd: NonNegativeFloat = 0.2
-    """of the bias of the specific force per axis at first [m/s^2]; not read after a standstill."""
+    """initial standard deviation of the specific force's bias per axis [m/s^2]; not read after a standstill."""
     accelerometer_rate: NonNegativeFloat = 0.0005
-    """of its change, likewise [m/s^(5/2)]."""
+    """random walk of the specific force's bias, as force_rate [m/s^(5/2)]."""
     gyroscope_sd: NonNegativeFloat = 0.0003
-    """of the bias of the body rates per axis at first [rad/s]; read with rates 'measured' and without a standstill,
-    imu.standstill."""
+    """initial standard deviation of the body rates' bias per axis [rad/s]; read with rates 'measured' and without a
+    standstill (imu.standstill)."""
     gyroscope_rate: NonNegativeFloat = 1.0e-5
-    """of its change, likewise [rad/s^(3/2)]."""
+    """random walk of the body rates' bias, as force_rate [rad/s^(3/2)]."""
 
 
 class Biases(Frozen):
@@ -162,23 +162,24 @@ class Biases(Frozen):
     """
 
     uwb_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
-    """standard deviation of a bias of uwb fixes per axis [m]: survey of the anchors, ranges."""
+    """bias of uwb fixes per axis [m], from errors of the anchors' survey and of ranges."""
     camera_sd: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0, 0.0)
-    """of camera fixes per axis [m]: survey of the landmarks, attitude of the camera."""
+    """bias of camera fixes per axis [m], from errors of the landmarks' survey and of the camera's attitude."""
     level_sd: NonNegativeFloat = 0.0
-    """of the imu's roll and pitch [rad]; only a fix with method 'pose' tells it from a force."""
+    """bias of the imu's roll and pitch [rad]; only a fix with method 'pose' can distinguish it from a force."""
     yaw_sd: NonNegativeFloat = 0.0
-    """of the imu's yaw [rad]; seen by fixes with method 'known_tilt' or 'pose'."""
+    """bias of the imu's yaw [rad]; observable through fixes with method 'known_tilt' or 'pose'."""
     row_sd: RowSds = Field(default={}, validate_default=True)
     """lasting error of any other row of y by its name, such as {z_alt: 0.02} [its unit], for sensors of your own."""
     uwb_time: Positive = 20.0
     """correlation time of the uwb fixes' bias [s], about as long as the same anchors are near."""
     camera_time: Positive = 20.0
-    """of the camera fixes' [s]: that of the filter's attitude error, or of the same landmarks in view."""
+    """correlation time of the camera fixes' bias [s], about as long as the filter's attitude error lasts or the same
+    landmarks are in view."""
     imu_time: Positive = 300.0
-    """of the imu's biases [s]."""
+    """correlation time of the imu's biases [s]."""
     row_time: Positive = 20.0
-    """of those in row_sd [s]."""
+    """correlation time of the errors in row_sd [s]."""
 
 
 class IntermittentFilter(Frozen):
@@ -190,32 +191,32 @@ class IntermittentFilter(Frozen):
     V: Noise = Noise()
     """measurement noise."""
     initial_sd: tuple[InitialSd, InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05, 0.05)
-    """standard deviations of its initial position [m], angles [rad], velocity [m/s] and Euler rates [rad/s]; flights
-    start without one, so NEES starts at 0."""
+    """standard deviations of the initial position [m], angles [rad], velocity [m/s] and Euler rates [rad/s]; the start
+    of a flight has no such error, so NEES starts at 0."""
     delay: Literal["ignore", "drop", "replay"] = "ignore"
-    """how late measurements are used. 'ignore' uses them as if they were current; 'drop' does too, but none older than
-    one tick, which a detector itself takes; 'replay' uses them at their stamp and runs the filter again from there."""
+    """treatment of late measurements. 'ignore' uses them as if they were current. 'drop' does the same, but only up to
+    one tick of age, the latency of a detector. 'replay' uses them at their stamp and repeats the filter from there."""
     horizon: Annotated[float, Field(gt=0.0, le=2.0)] = 0.5
-    """how far back 'replay' goes [s]; older measurements are not used."""
+    """greatest age of a measurement that 'replay' uses [s]; older measurements are not used."""
     integrator: Literal["literal", "hold", "estimate"] = "hold"
-    """'literal' and 'hold' integrate r less the measured position, as printed, and are part of the filter's model;
-    where no fix arrived 'literal' integrates r itself, 'hold' keeps still. 'estimate' integrates r - xhat, as in the
-    authors' code."""
+    """'literal' and 'hold' integrate r minus the measured position, as printed, and are part of the filter's model; if
+    no fix arrives, 'literal' integrates r itself and 'hold' stops. 'estimate' integrates r - xhat, as in the authors'
+    code."""
     force: Literal["none", "thrust", "measured"] = "none"
-    """how the filter estimates the disturbance force, which includes the effects of a wrong mass and a tilted imu.
-    'none', as in the paper: not at all. 'thrust': from fixes, thrust and attitude. 'measured': from the imu's specific
-    force as well, whose bias it estimates. The servo counters the force."""
+    """estimation of the disturbance force, which includes the effects of a wrong mass and a tilted imu. 'none', as in
+    the paper: no estimate. 'thrust': from fixes, thrust and attitude. 'measured': also from the imu's specific force,
+    whose bias the filter then estimates. The servo counteracts the force."""
     rates: Literal["none", "measured"] = "none"
-    """'measured' uses the imu's body rates as well, whose bias it estimates; only with force 'measured'. 'none', as in
-    the paper, uses the angles alone."""
+    """'measured' also uses the imu's body rates and estimates their bias; only with force 'measured'. 'none', as in the
+    paper, uses only the angles."""
     walks: Walks = Walks()
-    """how force and the biases of accelerometer and gyroscope vary."""
+    """random walks of the force and of the biases of accelerometer and gyroscope."""
     biases: Biases = Biases()
-    """errors of fixes and yaw that the filter estimates as well; only with force 'thrust' or 'measured'. The gates do
-    not know of them."""
+    """slow errors of fixes and angles that the filter also estimates; only with force 'thrust' or 'measured'. The gates
+    ignore them."""
     gates: Gates = Field(default={}, validate_default=True)
     """probability [1] by sensor, such as {uwb: 0.99}. A fix is ignored if its squared Mahalanobis distance from the
-    filter's prediction exceeds the chi-square quantile of its sensor's gate; no gate, no such test."""
+    filter's prediction exceeds the chi-square quantile of its sensor's gate. A sensor without a gate is not tested."""
     robust: Robust | None = None
     """protection against wrong measurements: gates, weights, re-acquisition, noise that follows the innovations, stuck
-    sensors. {} has all of them; null, as in the paper, none."""
+    sensors. {} has all of them; null, as in the paper, has none."""

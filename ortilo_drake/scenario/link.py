@@ -7,9 +7,9 @@ from pydantic import BeforeValidator, Field, NonNegativeFloat, model_validator
 
 from ortilo_drake.model.typed_yaml import Frozen, Positive
 
-MOST_TICKS: Final = 1000.0  # a second
-MOST_SAMPLES: Final = 100  # of a sensor in one tick: a packet is not to grow without limit
-ONE_A_TICK: Final = ("uwb", "camera")  # their messages are whole sets of ranges or boxes, which have no mean
+MOST_TICKS: Final = 1000.0  # largest control rate [Hz]
+MOST_SAMPLES: Final = 100  # most samples of a sensor in one tick: a packet must not grow without limit
+ONE_A_TICK: Final = ("uwb", "camera")  # their messages are whole sets of ranges or boxes, which cannot be averaged
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -24,20 +24,20 @@ class BernoulliLoss(Frozen):
 
     kind: Literal["bernoulli"]
     probability: Probability
-    """of a loss [1]."""
+    """probability that a message is lost [1]."""
 
 
 class GilbertElliottLoss(Frozen):
-    """Bursts: a two-state Markov chain steps once a tick; messages are lost at the rate of its state.
+    """Burst losses of a two-state Markov chain, whose state sets the probability of a loss.
 
-    The chain starts in the good state.
+    The chain starts in the good state and steps once a tick.
     """
 
     kind: Literal["gilbert_elliott"]
     good_to_bad: Probability
-    """probability a tick of leaving the good state [1]."""
+    """probability per tick of leaving the good state [1]."""
     bad_to_good: Probability
-    """probability a tick of leaving the bad state [1]."""
+    """probability per tick of leaving the bad state [1]."""
     loss_good: Probability = 0.0
     """probability of a loss in the good state [1]."""
     loss_bad: Probability = 1.0
@@ -45,39 +45,39 @@ class GilbertElliottLoss(Frozen):
 
 
 class BurstLoss(Frozen):
-    """Bursts by their measured figures: everything is lost within one, nothing between two."""
+    """Burst losses by two measured figures: every packet in a burst is lost, none between bursts."""
 
     kind: Literal["bursts"]
     loss: Probability
-    """share of the packets that are lost [1], at most b / (1 + b) with bursts of b ticks on average."""
+    """share of the packets that are lost [1]; at most b / (1 + b), where b is the mean length of a burst in ticks."""
     mean_length: Positive
-    """mean length of a burst [s], a tick or more."""
+    """mean length of a burst [s], at least one tick."""
 
 
 class PositionBlackout(Frozen):
-    """No message while the vehicle's true coordinate on one axis lies in [start, end)."""
+    """No message arrives while one true coordinate of the vehicle lies in [start, end)."""
 
     kind: Literal["position"]
     axis: Literal["x", "y", "z"] = "x"
-    """which coordinate of p_WB."""
+    """coordinate of p_WB that decides."""
     start: float
-    """where it begins [m]."""
+    """coordinate at which the blackout begins [m]."""
     end: float
-    """where it ends [m]."""
+    """coordinate at which the blackout ends [m]."""
 
 
 class TimeBlackout(Frozen):
-    """No message while the time lies in [start, end)."""
+    """No message arrives while the time lies in [start, end)."""
 
     kind: Literal["time"]
     start: NonNegativeFloat
-    """when it begins [s]."""
+    """time at which the blackout begins [s]."""
     end: NonNegativeFloat
-    """when it ends [s]."""
+    """time at which the blackout ends [s]."""
 
 
 def _from_number(loss: Any) -> Any:
-    """Take a number for the probability of independent losses."""
+    """Return the settings of independent losses if `loss` is a number, their probability; other settings unchanged."""
     if isinstance(loss, int | float) and not isinstance(loss, bool):
         return {"kind": "bernoulli", "probability": loss} if loss else {"kind": "none"}
     if loss is None or isinstance(loss, bool | str | list):
@@ -95,26 +95,26 @@ class LinkRate(Frozen):
     """The rate at which a sensor sends."""
 
     rate: Annotated[float, Field(ge=1e-3)] | None = None
-    """samples a second [Hz]. It divides the scenario's control_rate; or it is a whole multiple of it (not of uwb and
-    camera), and each tick's packet carries the samples taken since the tick before, each with its stamp. null sends on
-    every tick."""
+    """samples per second [Hz]. The rate must divide the scenario's control_rate. A sensor other than uwb and camera may
+    also have a whole multiple of control_rate: each tick's packet then carries all samples since the last tick, each
+    with its stamp. null sends in every tick."""
 
     def every(self, h: float) -> int:
         """Return the period of the messages in ticks of h [s]."""
         return 1 if self.rate is None else max(1, round(1.0 / (self.rate * h)))
 
     def samples(self, h: float) -> int:
-        """Return the number of samples in a message: more than one if the sensor is faster than the tick of h [s]."""
+        """Return the number of samples in a message, more than one if the sensor is faster than the tick h [s]."""
         return 1 if self.rate is None else max(1, round(self.rate * h))
 
 
 class Link(LinkRate):
-    """The link of one sensor to the vehicle: one packet in each tick that is due, delivered or lost as a whole."""
+    """The link of one sensor to the vehicle: it delivers or loses each packet as a whole."""
 
     loss: Loss = NoLoss()
     """random losses; a number is the probability of independent losses."""
     blackouts: Annotated[tuple[Blackout, ...], Field(max_length=1000)] = ()
-    """where or when nothing arrives."""
+    """places or times at which nothing arrives."""
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
     """fixed delay [ticks]."""
     random_delay: Annotated[int, Field(ge=0, le=1000)] = 0
@@ -129,10 +129,10 @@ class Link(LinkRate):
 
 
 def check_rate(sensor: str, rate: float, control_rate: float, field: str = "") -> None:
-    """Check that a sensor's rate [Hz] divides the control rate [Hz], or is a multiple that can be flown.
+    """Raise ValueError unless a sensor's rate [Hz] divides the control rate [Hz] or is a multiple that can be flown.
 
-    The field is its key, by default that of the sensor's link. ValueError if it does not; it names the nearest rates
-    that do, and a control rate that fits.
+    The error names the nearest rates that fit, and a control rate that fits. `field` is the key that the error names,
+    by default the rate of the sensor's link.
     """
     ticks, samples = control_rate / rate, rate / control_rate
     if abs(ticks - max(1, round(ticks))) <= 1e-9 * ticks:
@@ -155,7 +155,10 @@ def check_rate(sensor: str, rate: float, control_rate: float, field: str = "") -
 
 
 def _control_rate_for(rate: float, control_rate: float) -> str:
-    """Return the least multiple of the control rate that a rate divides, as a hint: what divided it still does."""
+    """Return the hint to set the least multiple of the control rate that `rate` divides, or '' if there is none.
+
+    Every rate that divides the control rate divides the multiple too.
+    """
     for n in range(1, math.floor(MOST_TICKS / control_rate) + 1):
         ticks = n * control_rate / rate
         if ticks > 0.5 and abs(ticks - round(ticks)) <= 1e-9 * ticks:
@@ -164,16 +167,16 @@ def _control_rate_for(rate: float, control_rate: float) -> str:
 
 
 class CommandLink(Frozen):
-    """The link of the control packets to the rotors, one a tick.
+    """The link that carries one control packet per tick to the rotors.
 
-    There is no acknowledgement (as over UDP): filter and servo assume that every command is applied at once, unless the
-    scenario's `commands` have the world report which acted.
+    There is no acknowledgement (as over UDP): filter and servo assume that every command acts at once, unless the
+    scenario's `commands` let the world report which commands acted.
     """
 
     loss: Loss = NoLoss()
-    """what is lost at random; a number is the probability of independent losses."""
+    """random losses; a number is the probability of independent losses."""
     when_lost: Literal["hold", "zero"] = "hold"
-    """the command in a tick in which none arrives: 'hold' repeats the last one, 'zero' is hover, f_T = m g and no
+    """command in a tick in which none arrives: 'hold' repeats the last command, 'zero' commands hover, f_T = m g and no
     torques."""
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
     """fixed delay [ticks]."""

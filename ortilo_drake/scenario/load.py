@@ -22,7 +22,7 @@ from ortilo_drake.scenario.scenario import Scenario
 
 SCENARIO_FOLDER = Path(__file__).parents[1] / "diagrams" / "scenarios"
 Setting = str | tuple[str, Any]  # 'key.key=value' with the value in YAML, or 'key.key' and the value as plain data
-PROJECTED: Setting = ("camera.kind", "projected")  # boxes are computed, nothing is drawn
+PROJECTED: Setting = ("camera.kind", "projected")  # boxes are computed, no pictures are drawn
 Settings = str | Mapping[str, Any] | Iterable[Setting]
 
 
@@ -32,7 +32,7 @@ def scenario_names() -> list[str]:
 
 
 def resolve(name_or_file: str | Path, field: str) -> Path:
-    """Return the file of a scenario; InputError, which begins with the field, if there is none of that name."""
+    """Return the file of a scenario; InputError, beginning with `field`, if no scenario has this name."""
     if not isinstance(name_or_file, str | Path):
         raise InputError(f"{field}: {shown(name_or_file)}: must be a ready-made one's name or a .yaml file")
     path = Path(name_or_file)
@@ -50,7 +50,7 @@ def resolve(name_or_file: str | Path, field: str) -> Path:
 
 
 def parsed(setting: Setting) -> tuple[str, Any, str]:
-    """Return the key of a setting, its value, and how to call it in an error."""
+    """Return the key of a setting, its value, and the setting's name in error messages."""
     if not isinstance(setting, str):
         return *setting, setting[0]
     key, equals, text = setting.partition("=")
@@ -73,14 +73,14 @@ def _set_field(data: dict[str, Any], setting: Setting) -> None:
             raise InputError(f"{shown}: '{parent}' is not a group of settings")
         data = child
     if last == "kind" and data.get("kind") != value and parents not in _ONE_MODEL:
-        data.clear()  # another kind has other settings
+        data.clear()  # the new kind has other settings
     data[last] = value
 
 
-_MOST_BASES = 32  # files, each the base of the one before
-_ONE_MODEL = (["camera"], ["uwb"])  # have the same settings in both kinds: another kind keeps them
+_MOST_BASES = 32  # longest chain of files, each the base of the one before
+_ONE_MODEL = (["camera"], ["uwb"])  # groups with the same settings in both kinds: a new kind keeps them
 
-# Settings that name files, and what stands there for none.
+# Settings that name files, and their values without a file.
 _FILES = {
     ("room",): "ortilo",
     ("planner", "file"): None,
@@ -93,7 +93,7 @@ _FILES = {
 
 
 def _with_read_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the settings with what files of a vehicle, a calibration and ranges' errors say in their places."""
+    """Return the settings with the contents of vehicle, calibration and range-error files in place of their names."""
     name, camera, uwb = data.get("vehicle"), data.get("camera"), data.get("uwb")
     if isinstance(name, str):
         data = data | {"vehicle": load_vehicle(folder / name).model_dump(mode="json")}
@@ -106,7 +106,7 @@ def _with_read_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the settings of a file, laid over those of its base; that may have one too."""
+    """Return the settings of a file, laid over the settings of its base, which may have a base too."""
     data = parse_yaml(read_text(path), source)
     if data is None:
         data = {}
@@ -124,7 +124,7 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
         return data
     if not isinstance(base, str):
         raise InputError(f"{source}: base: {base!r}: must be a ready-made scenario's name or a .yaml file")
-    file = path.parent / resolve(base, f"{source}: base")  # a ready-made one is absolute
+    file = path.parent / resolve(base, f"{source}: base")  # a ready-made scenario's path is absolute
     if not exists(file):
         raise InputError(f"{source}: base: {base}: no such file")
     above = (*above, os.path.realpath(path))
@@ -144,7 +144,7 @@ def _settings_in(path: Path, source: str, above: tuple[str, ...] = ()) -> dict[s
 
 
 def files_of(name_or_file: str | Path, field: str) -> list[Path]:
-    """Return the file of a scenario and those that it is laid over, one after the other."""
+    """Return the file of a scenario, the file of its base, and so on."""
     found = [resolve(name_or_file, field)]
     while len(found) <= _MOST_BASES:
         data = parse_yaml(read_text(found[-1]), str(found[-1]))
@@ -156,7 +156,7 @@ def files_of(name_or_file: str | Path, field: str) -> list[Path]:
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Return settings laid over others group by group; a group of another kind replaces the one below."""
+    """Return the settings `above` laid over `below`, group by group; a group of another kind replaces the one below."""
     merged = dict(below)
     for key, value in above.items():
         under = merged.get(key)
@@ -168,7 +168,7 @@ def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 
 
 def as_settings(settings: Settings, changes: Mapping[str, Any]) -> list[Setting]:
-    """Return load_scenario's settings and changes one by one, in order; InputError if one is no setting."""
+    """Return the settings and changes of load_scenario as one list, in order; InputError if one is no setting."""
     if not isinstance(settings, str | Mapping | Iterable):
         raise InputError(
             f"settings: {settings!r}: must be 'key.key=value', several of these, or a dict of values by key"
@@ -184,9 +184,9 @@ def as_settings(settings: Settings, changes: Mapping[str, Any]) -> list[Setting]
 def load_scenario(
     scenario: str | Path | Scenario, settings: Settings = (), seed: int | None = None, **changes: Any
 ) -> Scenario:
-    """Return a scenario by name, from a file or as it is, with settings laid over it.
+    """Return a scenario, given by name, by file or as a Scenario, with settings laid over it.
 
-    Settings are given as on the command line, by keyword, or both; keywords are laid over last:
+    Settings are given as on the command line, by keyword, or both; keywords win:
 
         >>> import ortilo_drake as od
         >>> lossy = od.load_scenario("imu_uwb", "uwb.link.loss=0.3")
@@ -196,27 +196,27 @@ def load_scenario(
         0.3
 
     A file may name another as its `base` and then holds only the differences. Paths in a base are relative to the
-    base's folder. Paths in settings laid over a scenario are relative to the working folder. InputError naming file,
-    field, value and what is allowed.
+    base's folder. Paths in settings laid over a scenario are relative to the working folder, over a file of your own to
+    the file's folder. An InputError names file, field, value and what is allowed.
 
     Args:
-        scenario: a ready-made scenario's name, the path of a .yaml file, or a scenario.
-        settings: changes: 'uwb.link.loss=0.3' with the value in YAML, several of these, or values by key in a dict. A
-            changed 'kind' drops what belonged to the former one.
-        seed: the seed of all noise, if not the scenario's own.
-        changes: more of them by keyword, two underscores for a dot: `uwb__link__loss=0.3`. Values as in YAML, or paths,
-            NumPy's numbers and arrays, and settings of a scenario such as `scenario.uwb`.
+        scenario: a ready-made scenario's name, the path of a .yaml file, or a Scenario.
+        settings: 'uwb.link.loss=0.3' with the value in YAML, several of these, or values by key in a dict. A changed
+            'kind' drops the settings of the former kind.
+        seed: the seed of all noise; None keeps the scenario's own.
+        changes: more settings by keyword, two underscores for a dot: `uwb__link__loss=0.3`. Values as in YAML, paths,
+            NumPy numbers and arrays, or settings of a scenario such as `scenario.uwb`.
     """
     given = as_settings(settings, changes)
     seed = plain_value("seed", seed)
-    if isinstance(scenario, Scenario):  # a start and a goal that another room has take the place of its own
+    if isinstance(scenario, Scenario):  # with another room, that room's start and goal replace the scenario's
         found = _relative_to(Path.cwd(), _laid_over(scenario, given, seed, scenario.name, Path.cwd()))
         return _along_the_rooms_way(found, _WAY if found.room == scenario.room else _set_of_way(given))
     path = resolve(scenario, "scenario")
     source = str(path) if path != SCENARIO_FOLDER / path.name else path.stem
     data = _settings_in(path, source)
     data.setdefault("name", path.stem)
-    # The ready-made scenarios name no files: what is laid over them is meant from where the user stands.
+    # The ready-made scenarios name no files: paths laid over them are relative to the working folder.
     folder = Path.cwd() if path.parent == SCENARIO_FOLDER else path.parent
     valid = validate(Scenario, data, source)
     found = _relative_to(folder, _laid_over(valid, given, seed, source, folder))
@@ -228,7 +228,7 @@ def _laid_over(
 ) -> Scenario:
     if not settings and seed is None:
         return scenario
-    data = scenario.model_dump(mode="json")  # so that a setting finds the defaults of its neighbours
+    data = scenario.model_dump(mode="json")  # with all defaults, so that each setting finds its group
     for setting in settings:
         _set_field(data, setting)
         data = _with_read_files(data, folder)
@@ -241,7 +241,7 @@ _WAY = {"start", "goal"}
 
 
 def _set_of_way(settings: Sequence[Setting]) -> set[str]:
-    """Return those of start and goal that settings give."""
+    """Return the names 'start' and 'goal', as far as the settings give them."""
     given: set[str] = set()
     for key, value, _ in map(parsed, settings):
         words = [key.removeprefix("planner.")] if key.startswith("planner.") else value if key == "planner" else ()
@@ -250,7 +250,7 @@ def _set_of_way(settings: Sequence[Setting]) -> set[str]:
 
 
 def _along_the_rooms_way(scenario: Scenario, given: set[str]) -> Scenario:
-    """Return the scenario with the start and the goal of its room, where it has them and none is given otherwise."""
+    """Return the scenario with its room's start and goal, as far as the room has them and `given` does not."""
     room = scenario.load_room()
     if not isinstance(scenario.planner, GcsPlanner):
         return scenario
@@ -259,7 +259,7 @@ def _along_the_rooms_way(scenario: Scenario, given: set[str]) -> Scenario:
 
 
 def _relative_to(folder: Path, scenario: Scenario) -> Scenario:
-    """Return the scenario with the paths in it made absolute and its waypoints read, so that it stands alone."""
+    """Return the scenario with absolute paths, relative to `folder`, and with its waypoint file read."""
     changes: dict[str, Any] = {}
 
     def absolute(name: str) -> str:

@@ -1,8 +1,8 @@
-"""The Gilbert-Elliott chain of a link's loss: its settings as numbers, and the chain of a wished rate and burst.
+"""The Gilbert-Elliott chain of a link's loss: its parameters from the settings, or from a loss rate and burst length.
 
-A Markov chain with a good and a bad state steps once a tick, and a packet is lost with the probability of its state
-(E. N. Gilbert, "Capacity of a burst-noise channel", 1960; E. O. Elliott, 1963). It starts good. Independent
-(Bernoulli) loss is the same with one probability in both.
+A Markov chain with a good and a bad state steps once a tick. The state sets the probability that a packet is lost
+(E. N. Gilbert, "Capacity of a burst-noise channel", 1960; E. O. Elliott, 1963). The chain starts in the good state.
+Independent (Bernoulli) loss has the same probability in both states.
 """
 
 import numpy as np
@@ -12,9 +12,9 @@ from ortilo_drake.scenario.link import BernoulliLoss, GilbertElliottLoss, Loss
 
 
 def loss_parameters(loss: Loss, h: float) -> np.ndarray:
-    """Return (good to bad, bad to good, loss while good, loss while bad) of any kind of loss at ticks of h [s].
+    """Return the probabilities good to bad, bad to good, loss while good, loss while bad of any loss, for ticks h [s].
 
-    InputError if there are no such bursts.
+    InputError if bursts are shorter than a tick, or too short for their share of losses.
     """
     match loss.kind:
         case "bursts":
@@ -30,9 +30,9 @@ def loss_parameters(loss: Loss, h: float) -> np.ndarray:
 
 
 def loss_chain(loss: Loss, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return T (M x M), of the modes from one tick to the next, and the probability of loss in each mode (M).
+    """Return the transition matrix T (M x M) of the modes in a tick, and the probability of loss in each mode (M).
 
-    The first mode is where the chain starts; where it never leaves that, it is the only one. As loss_parameters.
+    The chain starts in the first mode; if it never leaves that mode, M is 1. Errors as in loss_parameters.
     """
     to_bad, to_good, good, bad = loss_parameters(loss, h)
     if to_bad == 0.0:
@@ -41,17 +41,17 @@ def loss_chain(loss: Loss, h: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mean_loss(loss: Loss, h: float) -> float:
-    """Return the share of the packets that are lost in the long run. Arguments and errors as loss_parameters."""
+    """Return the share of packets that are lost in the long run. Arguments and errors as in loss_parameters."""
     to_bad, to_good, good, bad = loss_parameters(loss, h)
     return float(good if to_bad == 0.0 else (to_good * good + to_bad * bad) / (to_good + to_bad))
 
 
 def loss_of(share: float, burst: float | None = None) -> Loss:
-    """Return the loss that loses a share of the packets, in [0, 1], independently or in bursts.
+    """Return the settings of a link that loses a share of its packets, in [0, 1], independently or in bursts.
 
-    In bursts, of a mean length [ticks] of at least 1, everything is lost while the chain is bad and nothing while it is
-    good, which lasts a tick or more. Independent losses, of burst None, have bursts of 1 / (1 - share) on average.
-    InputError if there is no such loss.
+    `burst` is the mean length of a burst, at least 1 [ticks]. Every packet is lost while the chain is bad, none while
+    it is good, and it stays good for at least a tick. With burst None losses are independent; their bursts then have a
+    mean length of 1 / (1 - share). InputError if there is no such loss.
     """
     if not 0.0 <= share <= 1.0:
         raise InputError(f"loss: {share}: must be in [0, 1]")

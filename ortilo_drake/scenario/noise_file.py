@@ -1,4 +1,4 @@
-"""NOISE.yaml: what recordings tell a simulation of its sensors' errors."""
+"""NOISE.yaml: the sensor errors of a simulation, fitted to recordings."""
 
 import math
 from pathlib import Path
@@ -17,14 +17,14 @@ Share = Annotated[float, Field(ge=0.0, le=0.5)]
 Length = Annotated[float, Field(ge=-100.0, le=100.0)]
 
 
-SCALES = 6  # normals of a heavy tail
+SCALES = 6  # number of normals that stand for a heavy tail
 
 
 def white_scales(freedom: float | None) -> np.ndarray:
-    """Return the factors of the white deviation, each as likely: one, or those of Student's t.
+    """Return equally likely factors of the white standard deviation: 1 if errors are normal, else Student's (SCALES).
 
-    Student's t is a mixture of normals, of variances n / chi^2 at n degrees of freedom (Lange, Little and Taylor,
-    J. Am. Stat. Assoc. 84, 1989). The quantiles of six equal parts stand for all, so that no row errs without bounds.
+    Student's t with n degrees of freedom is a mixture of normals with variances n / chi^2 (Lange, Little and Taylor,
+    J. Am. Stat. Assoc. 84, 1989). The medians of six equally likely parts stand for all, so factors stay bounded.
     """
     if freedom is None:
         return np.ones(1)
@@ -35,67 +35,67 @@ class LastingNoise(Frozen):
     """A first-order Gauss-Markov error of each anchor."""
 
     time: Positive
-    """how long it lasts, its correlation time [s]."""
+    """correlation time of the error [s]."""
     sd: NonNegativeFloat
     """standard deviation [m]."""
 
 
 class FieldNoise(Frozen):
-    """An error of each anchor that is a field in space, Matérn 3/2, the same for all flights of a day."""
+    """An error of each anchor that is a Matérn 3/2 field in space, the same for all flights of a day."""
 
     length: Positive
-    """over which it changes [m]."""
+    """length scale of the field [m]."""
     sd: NonNegativeFloat
     """standard deviation [m]."""
 
 
 class Outliers(Frozen):
-    """Rows that err by more."""
+    """Rows with an additional error."""
 
     share: Share = 0.0
-    """of all rows [1]."""
+    """share of outliers among all rows [1]."""
     sd: NonNegativeFloat = 0.0
-    """standard deviation of the addition [m]."""
+    """standard deviation of the additional error [m]."""
     burst: Annotated[float, Field(ge=1.0, le=1e4)] = 1.0
-    """how many rows of an anchor in a row are outliers, on average [1]."""
+    """mean number of successive rows of an anchor that are outliers [1]."""
 
 
 class UwbNoise(Frozen):
     """Errors of ranges, or of each anchor in a difference of ranges."""
 
     white: NonNegativeFloat
-    """standard deviation of a row's white error [m]; Student's t scale if `freedom` is given."""
+    """standard deviation of a row's white error [m]; the scale of Student's t if `freedom` is given."""
     freedom: Annotated[float, Field(ge=0.5, le=100.0)] | None = None
-    """Student's t degrees of freedom of the white error [1], fewer for a heavier tail; null if it is normal."""
+    """degrees of freedom of the white error's Student's t [1], fewer for a heavier tail; null for normal errors."""
     lasting: LastingNoise | None = None
     """the lasting part of each anchor's error; null for none."""
     field: FieldNoise | None = None
-    """the part that belongs to places; null for none."""
+    """the part of each anchor's error that depends on the place; null for none."""
     outliers: Outliers = Outliers()
-    """rows that err by more."""
+    """rows with an additional error."""
     constants_sd: NonNegativeFloat = 0.0
-    """root mean square of the anchors' constants [m]."""
+    """root mean square of the anchors' constant errors [m]."""
     constants: Annotated[tuple[Length, ...], Field(max_length=1000)] | None = None
-    """each anchor's constant [m], if they are known; null has them drawn by constants_sd."""
+    """constant error of each anchor [m], if known; null draws them with constants_sd."""
     differences: bool = False
-    """whether the rows that it was fitted to are differences: white and outliers are those of two anchors then."""
+    """whether the noise was fitted to differences: white errors and outliers are then the ones of two anchors."""
     near_floor: NonNegativeFloat = 0.0
-    """height at which the floor doubles errors: they grow by (this / height)^4 [m]."""
+    """height at which the floor doubles the errors [m]: they are multiplied by 1 + (near_floor / height)^4."""
     rate: NonNegativeFloat = 0.0
-    """rows in a second, of all anchors; a figure [1/s]."""
+    """rows per second from all anchors [1/s]; for information only."""
     missing: Share = 0.0
-    """share of the rows that do not come [1]."""
+    """share of the rows that do not arrive [1]."""
 
     @property
     def white_rms(self) -> float:
-        """The root mean square of the white error, its tail with it [m]."""
+        """The root mean square of the white error with its tail [m]."""
         return self.white * float(np.sqrt(np.mean(white_scales(self.freedom) ** 2)))
 
     @property
     def of_single_ranges(self) -> "UwbNoise":
         """The errors of single ranges.
 
-        A difference has the white noise of two ranges, and errs by more where one of them does: a range has half the
+        A difference has the white noise of two ranges and is an outlier if one of them is. So a range has half the
         white variance, and is an outlier with probability 1 - sqrt(1 - share).
         """
         if not self.differences:
@@ -110,7 +110,7 @@ Three = tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat]
 
 
 class ImuNoise(Frozen):
-    """White noise of the IMU in flight, by axis, the spread of its biases, and its rate."""
+    """White noise of the IMU in flight by axis, the spread of its biases, and its rate."""
 
     rotation: Three = Field(description="Body rates [rad/s/√Hz].")
     force: Three = Field(description="Specific force [m/s²/√Hz].")
@@ -124,7 +124,7 @@ class ImuNoise(Frozen):
 
 
 class NoiseFile(Frozen):
-    """The fitted noise, its intervals by name, and the recordings that it was fitted to."""
+    """The fitted noise, the intervals of its numbers by name, and the recordings to which it was fitted."""
 
     source: str = ""
     uwb: UwbNoise
@@ -137,12 +137,12 @@ class NoiseFile(Frozen):
 
 
 def preset_names() -> list[str]:
-    """Return the names of the files that come with the package."""
+    """Return the names of the noise files that come with the package."""
     return sorted(path.stem for path in PRESETS.glob("*.yaml"))
 
 
 def load_noise(name_or_file: str, field: str = "noise", folder: Path = Path()) -> NoiseFile:
-    """Read NOISE.yaml, meant from a folder, or one of the package; InputError, by a field, if it is wrong."""
+    """Read a NOISE.yaml relative to `folder`, or one of the package's; InputError, naming `field`, if it is wrong."""
     path = folder / name_or_file
     if path.suffix not in (".yaml", ".yml"):
         names = preset_names()
@@ -156,12 +156,12 @@ def load_noise(name_or_file: str, field: str = "noise", folder: Path = Path()) -
 
 
 def noise_text(noise: NoiseFile) -> str:
-    """Return the file's text, without default values."""
+    """Return the text of a NOISE.yaml, without default values."""
     return yaml.safe_dump(noise.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
 
 
 def as_white(noise: NoiseFile) -> NoiseFile:
-    """Return white noise of the same size: what lasts of the errors is drawn anew for each row."""
+    """Return white noise of the same size: the lasting errors become white too."""
     uwb = noise.uwb
     lasts = sum(part.sd**2 for part in (uwb.lasting, uwb.field) if part is not None)
     white = math.sqrt(uwb.white_rms**2 + (2.0 if uwb.differences else 1.0) * lasts)
@@ -175,7 +175,7 @@ def as_white(noise: NoiseFile) -> NoiseFile:
 def settings_of(noise: NoiseFile, file: str, below: Truth) -> dict[str, Any]:
     """Return the settings of a scenario whose ranges and IMU have the errors of a NOISE.yaml.
 
-    The scenario names the file so; its base has the truth `below`, whose own errors of the ranges are set back to none.
+    `file` is the file's name in the scenario. `below` is the truth of the scenario's base; its range errors are reset.
     """
     imu, unfitted = noise.imu, UwbTruth()
     found: dict[str, Any] = {"uwb": {"errors": "fitted", "file": file}}

@@ -1,4 +1,4 @@
-"""Settings of the onboard half beside its estimator: detector, fixes and servo."""
+"""Settings of the onboard half apart from its estimator: detector, fixes and servo."""
 
 import math
 from typing import Annotated, Literal
@@ -16,16 +16,16 @@ Worth = Annotated[float, Field(ge=1.0, le=1.0e6)]
 
 
 class Exclusion(Frozen):
-    """The exclusion of ranges that do not fit the others."""
+    """The test that excludes ranges that do not fit the others."""
 
     probability: Gate = 0.9999
-    """with which right ranges pass the chi-square test of their residuals [1]."""
+    """probability that correct ranges pass the chi-square test of their residuals [1]."""
     least_ranges: Annotated[int, Field(ge=5, le=1000)] = 5
-    """fewest ranges of which one may be left out [1]."""
+    """smallest number of ranges from which one may be excluded [1]."""
     share: Annotated[float, Field(ge=0.0, le=0.9)] = 0.5
-    """of the ranges that may be left out at most [1]; if more do not fit there is no fix."""
+    """largest share of the ranges that may be excluded [1]; if more do not fit, there is no fix."""
     clock: bool = True
-    """whether to estimate an offset common to all ranges as well, such as a clock's."""
+    """whether to also estimate an offset common to all ranges, such as a clock offset."""
 
 
 class Multilateration(Frozen):
@@ -35,19 +35,19 @@ class Multilateration(Frozen):
     """'nearest_three' intersects the spheres of the three nearest anchors, as the authors do; 'least_squares' is
     weighted nonlinear least squares over all ranges."""
     noise: RangeNoise = ProportionalNoise()
-    """what the solver believes of the ranges."""
+    """noise of the ranges that the solver assumes."""
     bias_sd: NonNegativeFloat = 0.0
-    """standard deviation of the lasting part of a range's error [m]: its bias, the survey of its anchor. It counts in
-    the weights of 'least_squares' and in whether ranges fit a position, but not in the fix's covariance:
-    estimator.biases.uwb_sd is the lasting part of a fix's error."""
+    """standard deviation of the lasting part of a range's error [m]: the range's bias and the survey error of its
+    anchor. It changes the weights of 'least_squares' and the test whether ranges fit a position, but not the fix's
+    covariance: estimator.biases.uwb_sd describes the lasting part of a fix's error."""
     bias_bank: Annotated[tuple[Share, ...], Field(min_length=2, max_length=8)] | None = None
-    """shares of bias_sd [1] that the ranges' residuals choose from in flight, such as [0, 0.4, 1] for a survey that may
-    be exact. The result replaces estimator.biases.uwb_sd. null uses bias_sd as it is. Only with 'least_squares', and
-    without exclude."""
+    """shares of bias_sd [1], such as [0, 0.4, 1] for a survey that may be exact; the residuals of the ranges choose
+    among them in flight. The result replaces estimator.biases.uwb_sd. null uses bias_sd as it is. Only with
+    'least_squares', and without exclude."""
     noise_scale: Worth | None = None
-    """learns the noise's scale in flight from the ranges' residuals, together with bias_bank; the number is how many
-    residuals [1] the configured noise counts as (10 is about one fix of twelve ranges). null uses the noise as it is.
-    Only with 'least_squares', and without exclude."""
+    """number of residuals [1] that the configured noise counts as (10 is about one fix of twelve ranges) while the
+    noise's scale is learned in flight from the ranges' residuals, together with bias_bank. null uses the noise as it
+    is. Only with 'least_squares', and without exclude."""
     exclude: Exclusion | None = None
     """the test that excludes ranges that do not fit the others; null excludes none. Only with 'least_squares'."""
 
@@ -68,25 +68,25 @@ class Multilateration(Frozen):
 
 
 class Detector(Frozen):
-    """The network that finds landmarks in the rendered camera's pictures: ours, or one of a file."""
+    """The network that finds landmarks in the rendered camera's pictures: ours, or one from a file."""
 
     kind: Literal["network"] = "network"
     cfg: FileName | None = None
-    """a Darknet .cfg to use instead of our network, with its weights; needs torch."""
+    """a Darknet .cfg to use instead of our network, together with `weights`; needs torch."""
     weights: FileName | None = None
-    """its .weights."""
+    """the .weights file of `cfg`."""
     onnx: FileName | None = None
     """an ONNX file of YOLOv5, v8 or v11 to use instead of our network; needs onnxruntime."""
     names: FileName | None = None
-    """its class names, each line one; by default FILE.names beside FILE.cfg, those in the ONNX file, or the 80 of MS
-    COCO."""
+    """a file of the class names of `cfg` or `onnx`, one a line; by default FILE.names beside FILE.cfg, the names in the
+    ONNX file, or the 80 classes of MS COCO."""
     backend: Literal["auto", "onnxruntime", "opencv", "torch"] = "auto"
-    """what computes our network: 'onnxruntime' is the fastest, 'opencv' is always installed, 'torch' is what it was
-    trained with; 'auto' uses the first that is installed."""
+    """library that computes our network: 'onnxruntime' is the fastest, 'opencv' is always installed, 'torch' trained
+    the network; 'auto' uses the first of these that is installed."""
     threshold: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.4
     """smallest score of a box [1]."""
     overlap: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.45
-    """two boxes of a class that overlap by a larger IoU [1] are one object."""
+    """IoU [1] above which two boxes of the same class count as one object."""
 
     @model_validator(mode="after")
     def _files_come_together(self) -> "Detector":
@@ -102,7 +102,7 @@ class Detector(Frozen):
 
     @property
     def files(self) -> dict[str, str]:
-        """The files of a network of the user's, by their keys; none of ours."""
+        """The files of the user's network by their keys; empty for our network."""
         named = {key: getattr(self, key) for key in ("cfg", "weights", "onnx", "names")}
         return {key: file for key, file in named.items() if file is not None}
 
@@ -111,23 +111,26 @@ class LandmarkFix(Frozen):
     """Position from landmark boxes."""
 
     method: Literal["known_attitude", "known_tilt", "pose", "cosine_law", "pnp"] = "known_attitude"
-    """'known_attitude' (two landmarks or more, attitude from the filter), 'known_tilt' (two or more, roll and pitch
-    from the filter: position and yaw), 'pose' (two or more: position and attitude), 'cosine_law' (three or more, the
-    paper's) or 'pnp' (four or more, OpenCV's SQPNP in RANSAC)."""
+    """'known_attitude' (two landmarks or more; attitude from the filter), 'known_tilt' (two or more; roll and pitch
+    from the filter; solves for position and yaw), 'pose' (two or more; solves for position and attitude), 'cosine_law'
+    (three or more; the paper's method) or 'pnp' (four or more; OpenCV's SQPNP in RANSAC)."""
     center_sd: Positive = 3.0
-    """the solver's standard deviation of a small box's centre [px]."""
+    """standard deviation of a small box's centre that the solver assumes [px]."""
     center_growth: NonNegativeFloat = 0.0
-    """g [1/px]: along an axis in which the box is b px long the error is center_sd sqrt(1 + (g b)^2)."""
+    """g [1/px]: along an axis in which a box is b px long, the standard deviation of its centre is
+    center_sd sqrt(1 + (g b)^2)."""
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
-    """an association is refused beyond this probability [1] of the predicted projection's error."""
+    """probability [1] of the gate that associates a box with a landmark's predicted projection; boxes beyond the gate
+    are refused."""
     max_residual: Positive = 4.0
-    """the first three methods drop boxes that disagree with the rest by more than so many standard deviations [1]."""
+    """number of standard deviations [1] by which a box may disagree with the rest; 'known_attitude', 'known_tilt' and
+    'pose' drop boxes beyond it."""
     margin: NonNegativeFloat = 0.0
     """a box is ignored if assigning it to another landmark increases the sum of squared distances by less than this
     [1]; 0 ignores none."""
     joint: Gate | None = None
-    """boxes are ignored until the rest agree with the estimate within this probability [1], all together. While no fix
-    is left the estimate is trusted less and less. null for no test."""
+    """probability [1] of a test of all boxes together against the estimate: boxes are ignored until the rest pass.
+    While no fix is left, the estimate is trusted less and less. null for no test."""
     inside: NonNegativeFloat | None = None
     """a landmark is ignored if its predicted box ends nearer to the image's border than this [px]; null uses the
     detected box alone."""
@@ -135,16 +138,16 @@ class LandmarkFix(Frozen):
     """assumed error of the estimate's position [m] and angles [rad] for the association; null uses the filter's
     covariance."""
     survey_sd: NonNegativeFloat = 0.0
-    """standard deviation of each coordinate of a landmark's surveyed position [m]. It counts in the errors of boxes.
-    The lasting part of a fix's error is estimator.biases.camera_sd, or survey_bank's."""
+    """standard deviation of each coordinate of a landmark's surveyed position [m]. It is added to the errors of boxes.
+    The lasting part of a fix's error is estimator.biases.camera_sd, or the result of survey_bank."""
     survey_bank: Annotated[tuple[Share, ...], Field(min_length=2, max_length=8)] | None = None
-    """shares of survey_sd [1] that the boxes' residuals choose from in flight, as multilateration.bias_bank. The result
-    is added to estimator.biases.camera_sd. null uses survey_sd as it is. Only with method 'pose'."""
+    """shares of survey_sd [1]; the residuals of the boxes choose among them in flight, as in multilateration.bias_bank.
+    The result is added to estimator.biases.camera_sd. null uses survey_sd as it is. Only with method 'pose'."""
     noise_scale: Worth | None = None
-    """learns the scale of center_sd in flight from the boxes' residuals, as multilateration.noise_scale; the number is
-    how many residuals [1] center_sd counts as. null uses center_sd as it is. Only with method 'pose'."""
+    """number of residuals [1] that center_sd counts as while its scale is learned in flight from the boxes' residuals,
+    as in multilateration.noise_scale. null uses center_sd as it is. Only with method 'pose'."""
     shapes: Literal["outlines", "boxes"] = "outlines"
-    """what is known of the landmarks' shapes: 'outlines' is all that the room's file has, 'boxes' their sizes alone."""
+    """known shapes of the landmarks: 'outlines' are the outlines in the room's file, 'boxes' only the sizes."""
 
     @model_validator(mode="after")
     def _has_what_the_bank_shares(self) -> "LandmarkFix":
@@ -173,7 +176,7 @@ class ServoWeights(Frozen):
     rate: tuple[NonNegativeFloat, NonNegativeFloat, NonNegativeFloat] = (0.1, 0.1, 0.1)
     """weights of the Euler rates [s^2/rad^2]."""
     integral: PositiveVec3 = (3.0e-4, 3.0e-4, 3.0e-4)
-    """weights of the integral, a sum over ticks of positions [1/m^2]."""
+    """weights of the integral states, which are sums of positions over ticks [1/m^2]."""
     control: tuple[Positive, Positive, Positive, Positive] = (0.02, 1.0, 1.0, 1.0)
     """weights of f_T [1/N^2] and of tau_x, tau_y, tau_z [1/(N m)^2]."""
 
@@ -186,10 +189,9 @@ class LqServo(Frozen):
     """'paper' is u = -L [xhat; i]; 'error' is u = -L [xhat - x_ref; i] with the planner's acceleration fed forward, as
     in the authors' code."""
     velocities: Literal["estimate", "truth"] = "estimate"
-    """'truth' gives the servo the true velocities and Euler rates, as the authors did."""
+    """source of the servo's velocities and Euler rates; 'truth' gives it the true ones, as the authors did."""
     yaw: Annotated[float, Field(ge=-2.0 * math.pi, le=2.0 * math.pi)] = 0.0
-    """psi_r, the heading that is held [rad]; filter and servo are linear about hover under it. Only in the error
-    form."""
+    """psi_r, the heading to hold [rad]; filter and servo are linearised at hover under it. Only in the error form."""
     weights: ServoWeights = ServoWeights()
     """Q and R."""
 

@@ -1,4 +1,4 @@
-"""Scenarios with parts that are not built in: a scenario's model with fields for the parts that its data names."""
+"""Scenarios with registered parts: a scenario's model, extended by fields for the parts that its data names."""
 
 import inspect
 from functools import lru_cache
@@ -17,11 +17,11 @@ class SensorSettings(Frozen):
     """Base of the settings of a sensor of your own."""
 
     link: Link = Link()
-    """how its messages reach the vehicle."""
+    """rate and delivery of the sensor's messages."""
 
 
 def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
-    """Return the model that data of a scenario is checked by: base, or base with fields for the parts it names."""
+    """Return the model that checks a scenario's data: `base`, or `base` with fields for the parts that data names."""
     if not isinstance(data, dict):
         return base
     listed = data.get("sensors")
@@ -30,7 +30,7 @@ def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
     names -= {*SENSORS, *base.model_fields}
     sensors = tuple(sensor for name in sorted(names) if (sensor := find_sensor(name)))
     if len(sensors) < len(names):
-        sensors = own_sensors()  # an error then lists them
+        sensors = own_sensors()  # the error message then lists all
     parts = []
     for role in _roles(base):
         its = data.get("faults") if role == "fault" else [data.get(role)]
@@ -44,13 +44,13 @@ def model_for(base: type[BaseModel], data: Any) -> type[BaseModel]:
 
 
 def model_of_all(base: type[BaseModel]) -> type[BaseModel]:
-    """Return base with a field for every registered part."""
+    """Return `base` with a field for every registered part."""
     parts = tuple((role, p) for role in _roles(base) for kind in known_kinds(role) if (p := find_part(role, kind)))
     return _model(base, own_sensors(), parts)
 
 
 def _roles(base: type[BaseModel]) -> list[str]:
-    """Return the roles of parts that a model has; what the onboard half sees has no faults."""
+    """Return the roles of parts in a model; the onboard half's model has no faults."""
     return [role for role in KINDS if role != "fault" or "faults" in base.model_fields]
 
 

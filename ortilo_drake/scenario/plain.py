@@ -1,4 +1,4 @@
-"""Python's own values as the plain data of a scenario file."""
+"""Python values as the plain data of a scenario file."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 
 def plain_value(field: str, value: Any) -> Any:
-    """Return a value as YAML would give it; InputError, which names the field, if YAML cannot hold it."""
+    """Return a value as reading YAML would give it; InputError naming the field if YAML cannot hold the value."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
     if isinstance(value, Path):

@@ -10,7 +10,7 @@ from ortilo_drake.model.input_files import read_text
 from ortilo_drake.model.room import Vec3
 from ortilo_drake.model.typed_yaml import LARGEST, FileName, Frozen, InputError, Positive
 
-MAX_POINTS = 10_000  # of a path
+MAX_POINTS = 10_000  # most points of a path
 
 
 class GcsPlanner(Frozen):
@@ -18,10 +18,10 @@ class GcsPlanner(Frozen):
 
     kind: Literal["gcs"] = "gcs"
     start: tuple[float, float] = (0.0, 0.0)
-    """start of the path, x and y [m]; the flight starts hovering there. The room's, if its file has one and none is
-    given here."""
+    """start of the path, x and y in W [m]; the flight starts hovering there. If none is given, the room's start is
+    used, if its file has one."""
     goal: tuple[float, float] = (21.0, -3.2)
-    """goal, x and y [m]; the room's likewise."""
+    """goal of the path, x and y in W [m]. If none is given, the room's goal is used, if its file has one."""
     height: Positive = 1.5
     """flying height [m]."""
     speed: Positive = 0.35
@@ -29,13 +29,12 @@ class GcsPlanner(Frozen):
     acceleration: Positive = 0.2
     """largest acceleration [m/s^2]."""
     clearance: NonNegativeFloat = 1.6
-    """horizontal distance kept between the vehicle's outline and every obstacle where there is room for it [m]; less in
-    a narrow place."""
+    """horizontal distance between the vehicle's outline and every obstacle [m]; less in narrow places."""
     vertical_clearance: NonNegativeFloat = 0.6
-    """obstacles that end lower than this below the flying height are flown over [m]."""
+    """distance below the flying height [m]; the path may pass over obstacles that end lower than this."""
     prefer: Literal["none", "seen"] = "none"
-    """'seen' prefers places where the surveyed room gives fixes: a metre without one costs six; 'none' takes the
-    shortest path."""
+    """'seen' prefers places where the surveyed room gives fixes: a metre without a fix costs as much as six metres with
+    one. 'none' takes the shortest path."""
 
 
 class WaypointPlanner(Frozen):
@@ -43,9 +42,9 @@ class WaypointPlanner(Frozen):
 
     kind: Literal["waypoints"]
     points: Annotated[tuple[Vec3, ...], Field(max_length=MAX_POINTS)] = ()
-    """the points p_W [m], if not in a file."""
+    """the points p_W [m], unless a file gives them."""
     file: FileName | None = None
-    """a text file with one 'x y z' [m] a line."""
+    """a text file with one point 'x y z' [m] per line."""
     speed: Positive = 0.35
     """path speed [m/s]."""
     acceleration: Positive = 0.2
@@ -65,16 +64,16 @@ class HoverPlanner(Frozen):
 
     kind: Literal["hover"]
     point: Vec3 = (0.0, 0.0, 1.5)
-    """where, p_W [m]."""
+    """the point p_W [m]."""
     duration: Annotated[float, Field(ge=1e-3, le=36000.0)] = 10.0
-    """for how long [s]."""
+    """duration of the hover [s]."""
 
 
 Planner = Annotated[GcsPlanner | WaypointPlanner | HoverPlanner, Field(discriminator="kind")]
 
 
 def read_waypoints(path: Path) -> np.ndarray:
-    """Return the waypoints p_W (n, 3) of a text file with one 'x y z' a line; '#' starts a comment.
+    """Return the waypoints p_W (n x 3) [m] of a text file with one 'x y z' per line; '#' starts a comment.
 
     InputError names file and line.
     """

@@ -24,7 +24,7 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 class Scenario(Belief):
-    """One flight: what the onboard half believes, what the world is, and how the two differ."""
+    """One flight: the belief of the onboard half, the world, and the differences between the two."""
 
     imu: Imu = Imu()
     uwb: Uwb = Uwb()
@@ -34,7 +34,7 @@ class Scenario(Belief):
     settle: Annotated[float, Field(ge=0.0, le=3600.0)] = 2.0
     """time flown after the path's end [s]."""
     seconds: Annotated[float, Field(ge=0.1, le=36000.0)] | None = None
-    """the flight ends after so much of it [s], its planned path unchanged; null flies to the end."""
+    """time after which the flight ends, on an unchanged path [s]; null flies to the end of the path."""
     world: World = World()
     """the simulated physics apart from the sensors."""
     truth: Truth = Truth()
@@ -44,9 +44,9 @@ class Scenario(Belief):
     command_link: CommandLink = CommandLink()
     """delivery of the control packets; perfect by default."""
     report_link: Link = Link()
-    """delivery of the reports of which commands acted; only where `commands` wants them."""
+    """delivery of the reports that say which commands acted; used only if `commands` needs reports."""
     failsafe: Failsafe = Failsafe()
-    """the controller while no command comes; only in real time (`ortilo hil world`)."""
+    """the flight controller's behaviour while no command arrives; only in real time (`ortilo hil world`)."""
 
     @property
     def belief(self) -> Belief:
@@ -63,11 +63,11 @@ class Scenario(Belief):
         return link
 
     def latency_of(self, sensor: str) -> int:
-        """Return the latency of a sensor's messages before its link takes them [ticks]."""
+        """Return the latency of a sensor's messages before they enter its link [ticks]."""
         return self.camera.latency if sensor == "camera" else 0
 
     def sampled_for(self, sensor: str) -> "Scenario":
-        """Return the scenario for a sensor's own clock: if it is faster than the tick, its samples are the ticks."""
+        """Return the scenario with the samples of a sensor as ticks, if the sensor is faster than the tick."""
         n = self.samples(sensor)
         return self if n == 1 else self.model_copy(update={"control_rate": n * self.control_rate})
 
@@ -152,12 +152,12 @@ class Scenario(Belief):
         return self
 
     def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:
-        """Pickle as JSON: a model with registered parts has no name to be found by."""
+        """Pickle as JSON: pickle cannot find a model with registered parts by name."""
         return Scenario.model_validate_json, (self.model_dump_json(),)
 
 
 def _believed(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the part of a scenario's data that the onboard half knows; of a link, its rate."""
+    """Return the part of a scenario's data that the onboard half knows; from each link, only the rate."""
     kept = {key: value for key, value in data.items() if key in Belief.model_fields or key not in Scenario.model_fields}
     for key, group in kept.items():
         if key in SENSORS:
@@ -171,12 +171,12 @@ def _believed(data: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-FORMAT: Final = 2  # written beside the JSON of a scenario that a flight or a log carries
-_WHOLE = 1e-6  # within which a number of packets counts as whole
+FORMAT: Final = 2  # version of the scenario's JSON in a flight or a log
+_WHOLE = 1e-6  # tolerance within which a number of packets counts as whole
 
 
 def check_differences(scenario: Any) -> None:
-    """Refuse settings that read or change single ranges where the uwb has differences: ValueError."""
+    """Raise ValueError if settings read or change single ranges although the UWB sensor sends differences."""
     uwb, estimator = scenario.uwb, scenario.estimator
     if uwb.kind != "differences" or "uwb" not in scenario.sensors:
         return
@@ -200,9 +200,9 @@ def check_differences(scenario: Any) -> None:
 
 
 def scenario_from_json(text: str, version: Any, source: str) -> Scenario:
-    """Return the scenario that a flight or a log carries as JSON, beside the version of its format, or None.
+    """Return the scenario that a flight or a log holds as JSON; `version` is the stored format, or None.
 
-    InputError, which begins with the source, if it is no scenario of this format; ValueError if it is no JSON.
+    InputError, beginning with `source`, if the text is no scenario of this format; ValueError if it is no JSON.
     """
     if version != FORMAT:
         raise InputError(f"{source}: is of format {version}, this version reads format {FORMAT}")

@@ -1,4 +1,4 @@
-"""The settings of a scenario as a JSON schema and as a table, with the meanings that stand below each."""
+"""The settings of a scenario as a JSON schema and as a table, with the meaning of each setting."""
 
 import ast
 import inspect
@@ -20,10 +20,10 @@ _SECTION: Final = "\nAttributes:\n"
 
 
 class Key(NamedTuple):
-    """One setting: its dotted key, as `--set` takes it, '[]' standing for the entries of a list, and what it decides.
+    """One setting: its dotted key as `--set` takes it ('[]' marks the entries of a list), and its meaning.
 
-    It is of groups of a kind, '' where every kind has it, and has an allowed type and range, a unit, '' where it has
-    none, and a default as YAML has it, 'needed' where there is none.
+    `kind` is the kind of the groups that have the setting, '' if all have it. `allowed` is the type and range. `unit`
+    is '' for a setting without one. `default` is the default in YAML, 'needed' if there is none.
     """
 
     key: str
@@ -35,9 +35,10 @@ class Key(NamedTuple):
 
 
 def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """Return the description of each field, a line each: that of its model, or of the one it inherits.
+    """Return the description of each field as one line: the model's own, or the inherited one.
 
-    It stands below the field, or under Attributes in the model's docstring. A `kind` of one value needs none.
+    The description stands below the field, or under Attributes in the model's docstring. A `kind` with one value needs
+    no description.
     """
     found: dict[str, str] = {}
     for its in model.__mro__[model.__mro__.index(BaseModel) - 1 :: -1]:
@@ -52,7 +53,7 @@ def meanings(model: type[BaseModel]) -> dict[str, str]:
 
 
 def _below_fields(model: type[BaseModel]) -> dict[str, str]:
-    """Return the text below each field of a class."""
+    """Return the text that stands below each field of a class."""
     written = _classes_in(model.__module__).get(model.__name__)
     return {
         field.target.id: " ".join(text.value.value.split())
@@ -64,7 +65,7 @@ def _below_fields(model: type[BaseModel]) -> dict[str, str]:
 
 @cache
 def _classes_in(module: str) -> dict[str, ast.ClassDef]:
-    """Return the classes in a module's source by their names, the outermost of a name; none where it is not at hand."""
+    """Return the classes in a module's source by name, the outermost of equal names; none if there is no source."""
     try:
         nodes = list(ast.walk(ast.parse(inspect.getsource(sys.modules[module]))))
     except (OSError, TypeError, KeyError):
@@ -73,7 +74,7 @@ def _classes_in(module: str) -> dict[str, ast.ClassDef]:
 
 
 def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Yield the models that an annotation holds, with those of their fields; a model may come more than once."""
+    """Yield the models in an annotation and, recursively, in the models' fields; a model may come more than once."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
         for field in annotation.model_fields.values():
@@ -83,15 +84,15 @@ def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def scenario_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario, each setting with its meaning, each group with its first lines.
+    """Return the JSON schema of a scenario, with the meaning of each setting and the docstring of each group.
 
-    Settings of registered parts are in it.
+    The schema includes the settings of registered parts.
     """
     model = model_of_all(Scenario)
     schema = model.model_json_schema()
     groups = {**schema["$defs"], model.__name__: schema}
     for its in models_in(model):
-        # What pydantic calls it where two have one name:
+        # pydantic's name where two models have the same name:
         in_full = re.sub(r"[^A-Za-z0-9_.-]", "_", f"{its.__module__}.{its.__qualname__}").replace(".", "__")
         group, described = groups[its.__name__ if its.__name__ in groups else in_full], meanings(its)
         group["description"] = (inspect.getdoc(its) or "").partition(_SECTION)[0].strip()
@@ -99,13 +100,13 @@ def scenario_schema() -> dict[str, Any]:
             field.pop("title", None)
             if name in described:
                 field["description"] = described[name]
-    # A file may say what it is laid over, see load.py.
+    # A file may name its base, see load.py.
     base = {"type": "string", "description": "a ready-made scenario's name or a .yaml file that this one is laid over"}
     return schema | {"properties": {"base": base} | schema["properties"]}
 
 
 def scenario_keys(prefix: str = "") -> list[Key]:
-    """Return every setting whose key is the prefix or begins with it and a point, those of all kinds, in order."""
+    """Return in order all settings of all kinds whose key is the prefix, or begins with the prefix and a dot."""
     schema = scenario_schema()
     del schema["properties"]["base"]
     found = _keys(schema, schema, "", model_of_all(Scenario)().model_dump(mode="json"))
@@ -141,7 +142,7 @@ def _keys(schema: dict[str, Any], group: dict[str, Any], above: str, defaults: A
 
 
 def _group_in(field: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the choices of a field that are groups of settings, and those of a list's entries."""
+    """Return the part of a field's schema that holds groups or a list, and the part with the choices of groups."""
     parts = field.get("anyOf", [field])
     outer = next((part for part in parts if not part.keys().isdisjoint({"oneOf", "$ref", "items"})), field)
     inner = outer.get("items", outer)

@@ -13,49 +13,49 @@ from ortilo_drake.scenario.noise_file import UwbNoise
 
 
 class SensorSetup(Frozen):
-    """A sensor, as the onboard half knows it."""
+    """The settings of a sensor that the onboard half knows."""
 
     link: LinkRate = LinkRate()
-    """rate of its messages."""
+    """rate of the sensor's messages."""
 
 
 class ImuSetup(SensorSetup):
-    """The imu, as the onboard half knows it."""
+    """The settings of the IMU that the onboard half knows."""
 
     standstill: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
-    """how long the vehicle rests on the floor before take-off [s], which calibrates gyroscope and accelerometer; 0 for
-    not at all. A filter's first covariance of their biases follows from it."""
+    """time for which the vehicle rests on the floor before take-off [s], to calibrate gyroscope and accelerometer; 0
+    for no calibration. A filter's initial covariance of their biases follows from this time."""
 
 
 class Ahrs(Frozen):
     """An attitude filter without a magnetometer: a complementary filter that takes the specific force for gravity.
 
-    Its roll and pitch are drawn to those of the specific force, so they err while the vehicle accelerates; nothing
-    holds its yaw, which drifts. Walks of the angles are truth.imu's.
+    The filter draws roll and pitch towards the direction of the specific force, so they are wrong while the vehicle
+    accelerates. Nothing corrects the yaw, which drifts. The random walks of the angles are settings of truth.imu.
     """
 
     time: Positive = 5.0
-    """in which roll and pitch follow the specific force, the reciprocal of the filter's gain [s]."""
+    """time constant with which roll and pitch follow the specific force, the reciprocal of the filter's gain [s]."""
     drift_sd: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     """standard deviation of the rate at which the yaw drifts, drawn by seed [rad/s]."""
 
 
 class Imu(ImuSetup):
-    """An IMU with its own attitude filter: white noise on each output, of sd density / sqrt(period of its samples)."""
+    """An IMU with its own attitude filter: white noise on each output, of sd density / sqrt(sample period)."""
 
     link: Link = Link()
-    """rate and delivery of its messages."""
+    """rate and delivery of the IMU's messages."""
     angle_density: NonNegativeFloat = 0.01 * USUAL_ROOT
-    """of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz."""
+    """noise density of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz."""
     rate_density: NonNegativeFloat = 0.01 * USUAL_ROOT
-    """of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz."""
+    """noise density of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.01 rad/s at 30 Hz."""
     specific_force_density: NonNegativeFloat = 0.05 * USUAL_ROOT
-    """of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz."""
+    """noise density of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz."""
     ahrs: Ahrs | None = None
-    """error of its attitude filter under acceleration; null for none."""
+    """error of the IMU's attitude filter under acceleration; null for none."""
 
     def sds(self, period: float) -> tuple[float, float, float]:
-        """Return the standard deviations of angles, rates and specific force of a sample every so many seconds."""
+        """Return the sds of angles [rad], rates [rad/s] and specific force [m/s^2] for samples every `period` [s]."""
         rate, force = white_sd(self.rate_density, period), white_sd(self.specific_force_density, period)
         return white_sd(self.angle_density, period), rate, force
 
@@ -84,13 +84,13 @@ class ConstantNoise(_WhiteNoise):
 
 
 class AffineNoise(_WhiteNoise):
-    """Range noise with a floor: its standard deviation is a constant and a share of the distance."""
+    """Range noise with a floor: the standard deviation is a constant plus a share of the distance."""
 
     kind: Literal["affine"]
     sd: NonNegativeFloat = 0.03
     """standard deviation at distance 0 [m]."""
     fraction: NonNegativeFloat = 0.002
-    """its growth over distance [1]."""
+    """growth of the standard deviation per distance [1]."""
 
 
 class WallsIgnored(Frozen):
@@ -100,31 +100,30 @@ class WallsIgnored(Frozen):
 
 
 class WallsBias(Frozen):
-    """Each wall in the line of sight lengthens a range; not the wall that holds the anchor."""
+    """Each wall in the line of sight, except the one that holds the anchor, lengthens a range by a constant."""
 
     kind: Literal["bias"]
     per_wall: NonNegativeFloat = 0.3
-    """how much longer a wall makes it [m]."""
+    """length that each wall adds to a range [m]."""
 
 
 class WallsBlock(Frozen):
-    """A wall in the line of sight blocks a range; not the wall that holds the anchor."""
+    """Each wall in the line of sight, except the one that holds the anchor, blocks a range."""
 
     kind: Literal["block"]
 
 
 class WallsExcess(Frozen):
-    """Each wall in the line of sight lengthens a range by an exponential length; not the wall that holds the anchor.
+    """Each wall in the line of sight, except the one that holds the anchor, adds an exponential length to a range.
 
-    The length of each anchor's ranges changes slowly, so that they come out too long in bursts: for as long as there is
-    a wall between.
+    The added length changes slowly for each anchor, so its ranges are too long in bursts, while a wall is between.
     """
 
     kind: Literal["excess"]
     mean: NonNegativeFloat = 0.3
-    """of the length that a wall adds [m]; its standard deviation is the same, its skewness 2."""
+    """mean of the length that a wall adds [m]; the standard deviation is the same, the skewness 2."""
     time: Positive = 1.0
-    """correlation time of it [s]."""
+    """correlation time of the added length [s]."""
 
 
 RangeNoise = Annotated[ProportionalNoise | ConstantNoise | AffineNoise, Field(discriminator="kind")]
@@ -132,28 +131,28 @@ WallEffect = Annotated[WallsIgnored | WallsBias | WallsBlock | WallsExcess, Fiel
 
 
 class UwbSetup(SensorSetup):
-    """The uwb sensor, as the onboard half knows it."""
+    """The settings of the UWB sensor that the onboard half knows."""
 
     link: LinkRate = LinkRate(rate=10.0)
     kind: Literal["ranges", "differences"] = "ranges"
-    """'ranges' has a range to each anchor in a message; 'differences' has packets in turn, each with the difference of
-    the ranges to two anchors, as a vehicle receives them that only listens (TDoA). Only estimator.kind tight reads
+    """'ranges' sends a range to each anchor in a message. 'differences' sends packets in turn, each with the difference
+    of the ranges to two anchors, as a vehicle that only listens receives them (TDoA); only estimator.kind tight reads
     these."""
     pairs: Pairs = "cycle"
-    """the two anchors of each difference: 'cycle' takes each anchor and the next one, 'all' every two in turn."""
+    """the two anchors of each difference: 'cycle' takes each anchor and the next one, 'all' takes all pairs in turn."""
     packets: Annotated[float, Field(ge=0.1, le=1e4)] = 300.0
-    """differences in a second, evenly spaced [1/s]: a whole number in each message."""
+    """differences per second, evenly spaced [1/s]; each message must have a whole number of them."""
     round: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
-    """how long a round of ranging takes [s]: the anchors are ranged one after the other in n even slots, the last one
-    at the message's stamp, so that range i of 0 to n - 1 is (1 - (i + 1) / n) of it older. The onboard half knows that
-    and takes each range on to the stamp by the velocity that it believes."""
+    """duration of a round of ranging [s]. The n anchors are ranged one after the other in even slots, the last one at
+    the message's stamp, so range i (0 to n - 1) is older by the share 1 - (i + 1) / n of this duration. The onboard
+    half knows this and moves each range to the stamp with its estimated velocity."""
     behind_walls: Literal["used", "left_out"] | None = None
-    """treatment of ranges that, by the map and the estimate, pass a wall: they are 'used' as any other, or 'left_out'.
-    null leaves them out where the scenario's walls lengthen ranges: that they do is known to who flies there, by how
-    much is not."""
+    """treatment of ranges that, by the map and the estimate, pass a wall: they are 'used' like all others, or
+    'left_out'. null leaves them out if the scenario's walls lengthen ranges: the team knows that walls do so, but not
+    by how much."""
 
     def ages(self, n: int) -> np.ndarray:
-        """Return by how much each of n ranges is older than its message's stamp (n) [s]."""
+        """Return the ages of n ranges at their message's stamp (n) [s]."""
         return self.round * (1.0 - np.arange(1, n + 1) / n)
 
     def rows(self, h: float) -> int:
@@ -162,24 +161,24 @@ class UwbSetup(SensorSetup):
 
 
 class Uwb(UwbSetup):
-    """UWB ranging to the room's anchors; by default the authors' simulator: 10 Hz, sd 0.0075 d, no walls."""
+    """UWB ranging to the room's anchors; by default as in the authors' simulator: 10 Hz, sd 0.0075 d, no walls."""
 
     link: Link = Link(rate=10.0)
-    """rate and delivery of its messages."""
+    """rate and delivery of the UWB messages."""
     noise: RangeNoise = ProportionalNoise()
-    """noise of each range, where errors are white."""
+    """noise of each range, used with errors 'white'."""
     errors: Literal["white", "fitted"] = "white"
-    """'white' draws `noise` anew for each range; 'fitted' draws the errors fitted to recordings: each anchor's
-    constant, lasting errors, white noise, outliers and their bursts, missing ranges."""
+    """'white' draws `noise` anew for each range. 'fitted' draws the errors fitted to recordings: a constant for each
+    anchor, lasting errors, white noise, outliers and their bursts, missing ranges."""
     file: FileName | None = None
-    """NOISE.yaml of `ortilo fit`, or one that comes with the package, iasl_2023 or util_2021; its errors of the ranges
-    become `fitted`. A path is relative as a room's is."""
+    """NOISE.yaml of `ortilo fit`, by a path as in `room`, or one that comes with the package, iasl_2023 or util_2021;
+    its range errors become `fitted`."""
     fitted: UwbNoise | None = None
-    """the values of errors 'fitted'."""
+    """the range errors that errors 'fitted' draws."""
     walls: WallEffect = WallsIgnored()
-    """what walls in the line of sight do to a range."""
+    """effect of walls in the line of sight on a range."""
     max_distance: Positive = 100.0
-    """farther anchors give no range [m]."""
+    """distance beyond which an anchor gives no range [m]."""
 
     @property
     def sds(self) -> tuple[float, float]:

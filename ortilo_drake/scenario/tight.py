@@ -14,12 +14,12 @@ Length = Annotated[float, Field(ge=-10.0, le=10.0)]
 
 
 class Datasheet(Frozen):
-    """Noise of a small inertial sensor as its maker states it."""
+    """Noise densities of a small inertial sensor from its maker's data sheet."""
 
     rate_density: Positive
-    """of the body rates [rad/s/sqrt(Hz)]."""
+    """noise density of the body rates [rad/s/sqrt(Hz)]."""
     specific_force_density: Positive
-    """of the specific force [m/s^2/sqrt(Hz)]."""
+    """noise density of the specific force [m/s^2/sqrt(Hz)]."""
 
 
 # From the makers' data sheets: InvenSense ICM-42688-P (2021), 0.0028 deg/s/sqrt(Hz) and 70 ug/sqrt(Hz), 75 in z; Bosch
@@ -31,76 +31,76 @@ DATASHEETS = {
 
 
 class InertialNoise(Frozen):
-    """The tight filter's noise model of the imu."""
+    """The tight filter's noise model of the IMU; all figures are standard deviations or noise densities."""
 
     datasheet: Literal["none", "icm_42688_p", "bmi088"] = "none"
-    """the unit whose noise densities are used; 'none' uses the next two."""
+    """the unit whose noise densities are used; 'none' uses rate_density and specific_force_density."""
     rate_density: Positive = 0.001 * USUAL_ROOT
-    """noise of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.001 rad/s at 30 Hz."""
+    """noise density of the body rates per axis [rad/s/sqrt(Hz)]; the default is 0.001 rad/s at 30 Hz."""
     specific_force_density: Positive = 0.05 * USUAL_ROOT
-    """of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz."""
+    """noise density of the specific force per axis [m/s^2/sqrt(Hz)]; the default is 0.05 m/s^2 at 30 Hz."""
     angle_density: Positive | None = 0.01 * USUAL_ROOT
-    """of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz, null leaves them out."""
+    """noise density of roll, pitch and yaw [rad/sqrt(Hz)]; the default is 0.01 rad at 30 Hz, null leaves them out."""
     gyroscope_sd: NonNegativeFloat = 3.0e-4
-    """bias of the body rates per axis at first [rad/s]; not read after a standstill, imu.standstill."""
+    """initial bias of the body rates per axis [rad/s]; not read after a standstill (imu.standstill)."""
     gyroscope_rate: NonNegativeFloat = 1.0e-5
-    """its random walk, a standard deviation after 1 s [rad/s]."""
+    """random walk of that bias, its standard deviation after 1 s [rad/s]."""
     accelerometer_sd: NonNegativeFloat = 0.1
-    """bias of the specific force per axis at first [m/s^2]; likewise."""
+    """initial bias of the specific force per axis [m/s^2]; not read after a standstill (imu.standstill)."""
     accelerometer_rate: NonNegativeFloat = 5.0e-4
-    """its random walk, likewise [m/s^2]."""
+    """random walk of that bias, its standard deviation after 1 s [m/s^2]."""
     level_sd: NonNegativeFloat = 0.0
-    """error of roll and pitch, which lasts [rad]; 0 has none estimated."""
+    """lasting error of roll and pitch [rad]; 0 for not estimated."""
     yaw_sd: NonNegativeFloat = 0.0
-    """error of the yaw, which lasts [rad]."""
+    """lasting error of the yaw [rad]; 0 for not estimated."""
     angles_rate: NonNegativeFloat = 2.0e-4
-    """random walk of both, likewise [rad]."""
+    """random walk of these lasting errors, their standard deviation after 1 s [rad]."""
     coasting_sd: tuple[Positive, Positive] = (0.004, 0.15)
-    """what a tick without samples may change of body rates [rad/s] and specific force [m/s^2]."""
+    """change of the body rates [rad/s] and the specific force [m/s^2] in a tick without samples."""
     silent_rate: tuple[Positive, Positive] = (0.05, 0.3)
-    """random walk of the errors of body rates [rad/s] and specific force [m/s^2] after a second in which the imu sends
-    nothing new."""
+    """random walk of the errors of body rates [rad/s] and specific force [m/s^2] while the imu sends nothing new, their
+    standard deviation after 1 s."""
 
 
 class TightRanges(Frozen):
-    """The tight filter's noise model of single ranges."""
+    """The tight filter's noise model of single ranges; all errors are standard deviations."""
 
     noise: RangeNoise = ProportionalNoise()
     """white noise of every range."""
     bias_sd: NonNegativeFloat = 0.0
-    """error of each anchor's ranges that lasts [m]: bias, survey; 0 has none estimated."""
+    """lasting error of each anchor's ranges, from bias and survey [m]; 0 for not estimated."""
     bias_rate: NonNegativeFloat = 0.0
-    """its random walk, a standard deviation after 1 s [m]: a survey's error changes with the place."""
+    """random walk of the lasting error, its standard deviation after 1 s [m]: a survey's error changes with place."""
     slow_sd: NonNegativeFloat = 0.0
-    """error of each anchor's ranges that changes slowly [m]; 0 has none estimated."""
+    """slowly changing error of each anchor's ranges [m]; 0 for not estimated."""
     slow_time: Positive = 3.0
-    """its correlation time [s]."""
+    """correlation time of the slowly changing error [s]."""
     clock_sd: NonNegativeFloat = 0.0
-    """by how much a message may be older than its stamp [s]; 0 for not estimated."""
+    """age of a message beyond its stamp [s]; 0 for not estimated."""
     lever: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
-    """where the antenna is in B [m]."""
+    """position of the antenna in B [m]."""
     differences: bool = False
-    """whether only differences of ranges count, as where the vehicle's clock is not that of the anchors (TDoA)."""
+    """whether only differences of ranges are used, as needed if vehicle and anchors have different clocks (TDoA)."""
 
 
 class TightPixels(Frozen):
-    """The tight filter's noise model of the boxes' centres.
+    """The tight filter's noise model of the boxes' centres; all errors are standard deviations.
 
-    The defaults are those of our own network, by what `ortilo detector calibrate` measured of it.
+    The defaults are what `ortilo detector calibrate` measured for our own network.
     """
 
     sd: Positive = 0.5
     """error of a small box's centre [px]."""
     growth: NonNegativeFloat = 0.022
-    """its growth with the box's size, relative to sd [1/px]."""
+    """growth of the centre's error with the box's size, relative to sd [1/px]."""
     slow_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.44
     """share of the variance that lasts from picture to picture [1]."""
     slow_time: Positive = 0.7
-    """for how long [s]."""
+    """correlation time of the lasting part [s]."""
     survey_sd: NonNegativeFloat = 0.0
-    """error of each landmark's surveyed position per axis [m]; 0 has none estimated."""
+    """error of each landmark's surveyed position per axis [m]; 0 for not estimated."""
     clock_sd: NonNegativeFloat = 0.0
-    """by how much a message may be older than its stamp [s]; 0 for not estimated."""
+    """age of a message beyond its stamp [s]; 0 for not estimated."""
 
 
 class TightWatch(Frozen):
@@ -110,15 +110,15 @@ class TightWatch(Frozen):
     """
 
     time: Positive = 0.5
-    """over which contradictions are averaged [s]."""
+    """averaging time of the tests [s]."""
     leans: Positive = 1.0
-    """mean of the angles' normalized innovations above which the gyroscope's bias is estimated anew [1]."""
+    """size of the angles' mean normalized innovation above which the gyroscope's bias is estimated anew [1]."""
     gyroscope_sd: Positive = 0.02
-    """step of the gyroscope's bias per axis that is assumed then [rad/s]."""
+    """step of the gyroscope's bias per axis that the filter then assumes [rad/s]."""
     sided: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.7
-    """mean share of ranges rejected with one sign above which an error common to all is estimated [1]."""
+    """mean share of ranges rejected with the same sign above which an error common to all ranges is estimated [1]."""
     offset_sd: Positive = 1.0
-    """error of all ranges that is assumed then [m]."""
+    """error common to all ranges that the filter then assumes [m]."""
 
 
 class TightFilter(Frozen):
@@ -126,22 +126,22 @@ class TightFilter(Frozen):
 
     kind: Literal["tight"]
     force: Literal["measured"] = "measured"
-    """'measured': it reads the imu's specific force ..."""
+    """always 'measured': the filter reads the imu's specific force."""
     rates: Literal["measured"] = "measured"
-    """... and its body rates."""
+    """always 'measured': the filter reads the imu's body rates."""
     imu: InertialNoise = InertialNoise()
-    """noise of the imu, as it believes it."""
+    """noise of the imu that the filter assumes."""
     ranges: TightRanges = TightRanges()
-    """of the ranges."""
+    """noise of the ranges that the filter assumes."""
     pixels: TightPixels = TightPixels()
-    """of the boxes."""
+    """noise of the boxes that the filter assumes."""
     initial_sd: tuple[InitialSd, InitialSd, InitialSd] = (0.05, 0.02, 0.05)
-    """standard deviations of its initial position [m], angles [rad] and velocity [m/s]."""
+    """standard deviations of the initial position [m], angles [rad] and velocity [m/s]."""
     gate: Gate = 0.9999
-    """probability [1] beyond which a range or a box is refused."""
+    """probability that a correct range or box is used [1]; values beyond its quantile are rejected."""
     huber: Positive = 3.0
-    """standard deviations of an innovation from which on it weighs less [1]."""
+    """size of an innovation, in its standard deviations, above which it gets less weight [1]."""
     watch: TightWatch | None = TightWatch()
-    """how the filter detects failing sensors; null for not at all."""
+    """tests that detect failing sensors; null for no such tests."""
     horizon: Annotated[float, Field(ge=0.0, le=1.0)] = 0.1
-    """how late a message may be [s]: poses of so many past ticks are kept."""
+    """greatest delay of a message that is used [s]; the filter keeps the poses of the ticks within it."""

@@ -1,9 +1,9 @@
 """The world's differences from the onboard half's belief.
 
-All other settings are what a team believes and configures: its vehicle, its surveyed room, its sensors. Each entry here
-is the world's difference from that: a number that is added, or a factor. The same name with _sd is the standard
-deviation of a number that the seed draws and adds to it. By default nothing differs. The onboard half sees none of
-this, see belief.py; docs/truths.md has the equations.
+All other settings are what a team believes and configures: the vehicle, the surveyed room, the sensors. Each entry here
+is a difference of the world from that belief: a number that is added, or a factor. The entry of the same name with _sd
+is the standard deviation of a number that the seed draws and adds to the entry. By default nothing differs. The onboard
+half sees none of this (belief.py); docs/truths.md has the equations.
 """
 
 from typing import Annotated, NamedTuple
@@ -21,7 +21,7 @@ Triple = tuple[Number, Number, Number]
 
 
 class Each(NamedTuple):
-    """A field's mark: it is drawn for each of the room's `things`, its 'anchors' or 'landmarks'."""
+    """The mark of a field that is drawn for each of the room's `things`: 'anchors' or 'landmarks'."""
 
     things: str
 
@@ -32,166 +32,166 @@ class VehicleTruth(Frozen):
     mass_factor: Factor = 1.0
     """true over believed mass [1]; 1.03 is 3 % heavier than believed."""
     mass_factor_sd: FactorSd = 0.0
-    """spread of that [1]."""
+    """standard deviation of the drawn part of mass_factor [1]."""
     inertia_factor: Factor = 1.0
     """true over believed moments of inertia [1]."""
     inertia_factor_sd: FactorSd = 0.0
-    """spread of that [1]."""
+    """standard deviation of the drawn part of inertia_factor [1]."""
     thrust_factor: Factor = 1.0
-    """true over believed lift of the rotors [1], which makes thrust and the torques of roll and pitch."""
+    """true over believed lift of the rotors [1]; it scales the thrust and the torques of roll and pitch."""
     thrust_factor_sd: FactorSd = 0.0
-    """spread of that [1]."""
+    """standard deviation of the drawn part of thrust_factor [1]."""
     center_of_gravity: Pair = (0.0, 0.0)
-    """where it is, ahead and to the left of where it is believed to be [m]."""
+    """true minus believed center of gravity, x (ahead) and y (left) in B [m]."""
     center_of_gravity_sd: Sd = 0.0
-    """spread of each of them [m]."""
+    """standard deviation of the drawn part of each coordinate [m]."""
 
 
 class ForceTruth(Frozen):
-    """A force in W that lasts, beside the scenario's white disturbance."""
+    """A lasting force in W, in addition to the scenario's white disturbance."""
 
     mean: Triple = (0.0, 0.0, 0.0)
-    """its constant part [N]."""
+    """constant part of the force [N]."""
     mean_sd: Sd = 0.0
-    """spread of each of its components [N]."""
+    """standard deviation of the drawn part of each component of mean [N]."""
     gust_sd: Sd = 0.0
-    """standard deviation of its changing part per axis, first-order Gauss-Markov noise [N]."""
+    """standard deviation per axis of the changing part of the force, first-order Gauss-Markov noise [N]."""
     gust_time: Positive = 2.0
-    """correlation time of that [s]."""
+    """correlation time of the changing part [s]."""
 
 
 class ImuTruth(Frozen):
-    """Errors of the imu's angles, rates and specific force, beside their white noise."""
+    """Errors of the IMU's angles, rates and specific force, in addition to their white noise."""
 
     level: Pair = (0.0, 0.0)
-    """added to roll and pitch [rad]."""
+    """bias of roll and pitch [rad]."""
     level_sd: Sd = 0.0
-    """spread of each of them [rad]."""
+    """standard deviation of the drawn part of each bias [rad]."""
     level_walk: Sd = 0.0
-    """random walk of them, its standard deviation after 1 s [rad]."""
+    """random walk of roll and pitch, its standard deviation after 1 s [rad]."""
     yaw: Number = 0.0
-    """added to the yaw [rad]."""
+    """bias of the yaw [rad]."""
     yaw_sd: Sd = 0.0
-    """spread of that [rad]."""
+    """standard deviation of the drawn part of the bias [rad]."""
     yaw_walk: Sd = 0.0
-    """random walk of it, its standard deviation after 1 s [rad]."""
+    """random walk of the yaw, its standard deviation after 1 s [rad]."""
     angles_factor: Factor = 1.0
-    """factor of the angles [1]."""
+    """scale factor of the angles [1]."""
     angles_factor_sd: FactorSd = 0.0
-    """spread of that [1]."""
+    """standard deviation of the drawn part of angles_factor [1]."""
     rates: Triple = (0.0, 0.0, 0.0)
-    """added to the body rates [rad/s]."""
+    """bias of the body rates [rad/s]."""
     rates_sd: Sd = 0.0
-    """spread of each of them [rad/s]."""
+    """standard deviation of the drawn part of each bias [rad/s]."""
     rates_walk: Sd = 0.0
-    """random walk of them, its standard deviation after 1 s [rad/s]."""
+    """random walk of the body rates, its standard deviation after 1 s [rad/s]."""
     rates_factor: Factor = 1.0
-    """factor of the body rates [1]."""
+    """scale factor of the body rates [1]."""
     rates_factor_sd: FactorSd = 0.0
-    """spread of that [1]."""
+    """standard deviation of the drawn part of rates_factor [1]."""
     specific_force: Triple = (0.0, 0.0, 0.0)
-    """added to the specific force [m/s^2]."""
+    """bias of the specific force [m/s^2]."""
     specific_force_sd: Sd = 0.0
-    """spread of each of its components [m/s^2]."""
+    """standard deviation of the drawn part of each bias [m/s^2]."""
     specific_force_walk: Sd = 0.0
-    """random walk of them, its standard deviation after 1 s [m/s^2]."""
+    """random walk of the specific force, its standard deviation after 1 s [m/s^2]."""
     specific_force_factor: Factor = 1.0
-    """factor of the specific force [1]."""
+    """scale factor of the specific force [1]."""
     specific_force_factor_sd: FactorSd = 0.0
-    """spread of that [1]."""
+    """standard deviation of the drawn part of specific_force_factor [1]."""
 
 
 class UwbTruth(Frozen):
-    """Errors of the ranges, beside their white noise."""
+    """Errors of the ranges, in addition to their white noise."""
 
     bias: Annotated[Number, Each("anchors")] = 0.0
-    """added to every range [m]."""
+    """length added to every range [m]."""
     bias_sd: Sd = 0.0
-    """spread of that, drawn for each anchor [m]."""
+    """standard deviation of the part of bias that is drawn for each anchor [m]."""
     factor: Factor = 1.0
-    """factor of all ranges [1]."""
+    """scale factor of all ranges [1]."""
     factor_sd: FactorSd = 0.0
-    """spread of that [1]."""
+    """standard deviation of the drawn part of factor [1]."""
     slow_sd: Sd = 0.0
-    """standard deviation of first-order Gauss-Markov noise that is added, each anchor's its own [m]."""
+    """standard deviation of added first-order Gauss-Markov noise, independent for each anchor [m]."""
     slow_time: Positive = 2.0
-    """correlation time of that [s]."""
+    """correlation time of the Gauss-Markov noise [s]."""
 
 
 class SensorTruth(Frozen):
-    """Errors of a registered sensor, beside its noise, for each number of its payload, in that number's unit.
+    """Errors of a registered sensor, in addition to its noise, for each number of its payload in that number's unit.
 
-    A list is as long as the payload; an empty one stands for no such error.
+    Each list is as long as the payload; an empty list stands for no such error.
     """
 
     bias: Annotated[tuple[Number, ...], Field(max_length=64)] = ()
-    """added to each."""
+    """bias of each number."""
     bias_sd: Annotated[tuple[Sd, ...], Field(max_length=64)] = ()
-    """spread of each of them."""
+    """standard deviation of the drawn part of each bias."""
     factor: Annotated[tuple[Factor, ...], Field(max_length=64)] = ()
-    """factor of each [1]."""
+    """scale factor of each number [1]."""
     factor_sd: Annotated[tuple[FactorSd, ...], Field(max_length=64)] = ()
-    """spread of each of them [1]."""
+    """standard deviation of the drawn part of each factor [1]."""
     slow_sd: Annotated[tuple[Sd, ...], Field(max_length=64)] = ()
-    """standard deviations of first-order Gauss-Markov noise that is added."""
+    """standard deviation of first-order Gauss-Markov noise that is added to each number."""
     slow_time: Positive = 2.0
-    """correlation time of that [s]."""
+    """correlation time of the Gauss-Markov noise [s]."""
 
 
 class SurveyTruth(Frozen):
-    """The true places of anchors and landmarks: the room's file holds the surveyed ones."""
+    """Survey errors: the true minus the surveyed positions, which the room's file holds, of anchors and landmarks."""
 
     anchors: Annotated[Triple, Each("anchors")] = (0.0, 0.0, 0.0)
-    """from where every anchor was surveyed to where it is [m]."""
+    """vector from the surveyed to the true position of every anchor in W [m]."""
     anchors_sd: Sd = 0.0
-    """spread of that, drawn for each anchor and axis [m]."""
+    """standard deviation of the part of anchors that is drawn for each anchor and axis [m]."""
     landmarks: Annotated[Triple, Each("landmarks")] = (0.0, 0.0, 0.0)
-    """from where every landmark was surveyed to where it is [m]."""
+    """vector from the surveyed to the true position of every landmark in W [m]."""
     landmarks_sd: Sd = 0.0
-    """spread of that, drawn for each landmark and axis [m]."""
+    """standard deviation of the part of landmarks that is drawn for each landmark and axis [m]."""
 
 
 class CameraTruth(Frozen):
-    """The camera's true mounting and lens."""
+    """Errors of the camera's mounting and lens."""
 
     position: Triple = (0.0, 0.0, 0.0)
-    """from where it is believed to be to where it is, in B [m]."""
+    """vector from the believed to the true position of the camera in B [m]."""
     position_sd: Sd = 0.0
-    """spread of each component [m]."""
+    """standard deviation of the drawn part of each coordinate [m]."""
     angles: Triple = (0.0, 0.0, 0.0)
-    """roll, pitch and yaw by which it is turned from looking ahead, about its own centre [rad]."""
+    """roll, pitch and yaw by which the camera is turned about its own centre from looking ahead [rad]."""
     angles_sd: Sd = 0.0
-    """spread of each of them [rad]."""
+    """standard deviation of the drawn part of each angle [rad]."""
     focal_factor: Factor = 1.0
     """true over believed focal length [1]."""
     focal_factor_sd: FactorSd = 0.0
-    """spread of that [1]."""
+    """standard deviation of the drawn part of focal_factor [1]."""
 
 
 class ClockTruth(Frozen):
-    """The sensors' clocks beside that of imu and onboard computer; each sensor but the imu has one of its own."""
+    """Errors of the sensors' clocks; each sensor but the imu has its own clock, apart from the onboard computer's."""
 
     offset: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
-    """age of a measurement beyond its stamp at the start [s]."""
+    """age of a measurement beyond its stamp at the start of the flight [s]."""
     offset_sd: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
-    """spread of that, drawn for each sensor [s]."""
+    """standard deviation of the part of offset that is drawn for each sensor [s]."""
     drift: Annotated[float, Field(ge=-1e-3, le=1e-3)] = 0.0
-    """by how much more in every second [1]."""
+    """growth of the offset per second [1]."""
     drift_sd: Annotated[float, Field(ge=0.0, le=1e-3)] = 0.0
-    """spread of that, drawn for each sensor [1]."""
+    """standard deviation of the part of drift that is drawn for each sensor [1]."""
 
 
 class StartTruth(Frozen):
-    """The vehicle's true start; the filter's first estimate is the start of the path, under the held heading."""
+    """Errors of the start; the filter's first estimate is the start of the path, under the held heading."""
 
     position: Triple = (0.0, 0.0, 0.0)
-    """from where it is believed to start to where it does [m]."""
+    """vector from the believed to the true start in W [m]."""
     position_sd: Sd = 0.0
-    """spread of each component [m]."""
+    """standard deviation of the drawn part of each coordinate [m]."""
     yaw: Number = 0.0
-    """true less believed yaw at the start [rad]."""
+    """true minus believed yaw at the start [rad]."""
     yaw_sd: Sd = 0.0
-    """spread of that [rad]."""
+    """standard deviation of the drawn part of yaw [rad]."""
 
 
 SensorTruths = Annotated[
@@ -203,20 +203,20 @@ class Truth(Frozen):
     """The world's differences from the onboard half's belief."""
 
     vehicle: VehicleTruth = VehicleTruth()
-    """the body and its rotors."""
+    """errors of mass, inertia, thrust and center of gravity."""
     force: ForceTruth = ForceTruth()
-    """a steady force on the body."""
+    """a lasting force on the body."""
     imu: ImuTruth = ImuTruth()
-    """angles, rates and specific force."""
+    """errors of angles, rates and specific force."""
     uwb: UwbTruth = UwbTruth()
-    """ranges."""
+    """errors of ranges."""
     sensors: SensorTruths = Field(default={}, validate_default=True)
-    """registered sensors, by name; of those that fly."""
+    """errors of registered sensors that fly, by the sensor's name."""
     survey: SurveyTruth = SurveyTruth()
-    """anchors and landmarks."""
+    """survey errors of anchors and landmarks."""
     camera: CameraTruth = CameraTruth()
-    """its mounting and lens."""
+    """errors of the camera's mounting and lens."""
     clock: ClockTruth = ClockTruth()
-    """of the sensors."""
+    """errors of the sensors' clocks."""
     start: StartTruth = StartTruth()
-    """the first estimate."""
+    """errors of the first estimate."""

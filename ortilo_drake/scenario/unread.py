@@ -1,7 +1,7 @@
-"""Settings that no part of a flight reads: changing one changes nothing, so the user is warned.
+"""Settings that no part of a flight reads: a change of one has no effect, so the user gets a warning.
 
-Each rule names settings, whether a scenario's part reads them, and which part would. Settings without a rule are taken
-to be read, and so are all that a registered estimator might read: no line is wrong, and some are missing.
+Each rule names settings, a test whether a scenario's parts read them, and the part that would. Settings without a rule,
+and all that a registered estimator might read, count as read: no warning is wrong, but some are missing.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +16,7 @@ from ortilo_drake.scenario.scenario import Scenario
 
 
 class Rule(NamedTuple):
-    """Settings, or groups of them, that are read only if a scenario's part reads them, and what would read them."""
+    """Settings or groups of settings, a test whether a scenario reads them, and the part that would read them."""
 
     keys: tuple[str, ...]
     read: Callable[[Any], bool]
@@ -28,7 +28,7 @@ def _flies(*sensors: str) -> Callable[[Any], bool]:
 
 
 def _of(kind: str, condition: Callable[[Any], bool], others: bool = True) -> Callable[[Any], bool]:
-    """Return the condition for an estimator of that kind; the other built-in one reads as said, one's own all."""
+    """Return `condition` for estimators of a kind, `others` for the other built-in kind, True for registered ones."""
     built_in = ("intermittent", "tight")
     return lambda s: condition(s) if s.estimator.kind == kind else s.estimator.kind not in built_in or others
 
@@ -42,7 +42,7 @@ def _tight(condition: Callable[[Any], bool]) -> Callable[[Any], bool]:
 
 
 def _lasts(of: str) -> Callable[[Any], bool]:
-    """Return whether the paper's filter estimates the biases that a time of its settings is of."""
+    """Return the test whether the paper's filter estimates the biases with the correlation time `<of>_time`."""
 
     def estimated(s: Any) -> bool:
         biases = s.estimator.biases
@@ -54,7 +54,7 @@ def _lasts(of: str) -> Callable[[Any], bool]:
 
 
 def _imu(*names: str) -> tuple[str, ...]:
-    """Return the errors of the imu's outputs of those names."""
+    """Return the keys of the errors of the named IMU outputs."""
     ends = ("", "_sd", "_walk", "_factor", "_factor_sd")
     return tuple(f"truth.imu.{name}{end}" for name in names for end in ends)
 
@@ -138,7 +138,7 @@ RULES = (
         Rule((f"{_B}{of}_time",), _paper(_lasts(of), True), f"estimator.biases of {of} above 0")
         for of in ("uwb", "camera", "imu", "row")
     ),
-    # The tight one.
+    # The tight estimator.
     Rule(
         (_T + "imu.rate_density", _T + "imu.specific_force_density"),
         _tight(lambda s: s.estimator.imu.datasheet == "none"),
@@ -154,7 +154,7 @@ RULES = (
 
 
 def why_unread(key: str, scenario: Scenario) -> str | None:
-    """Return the part that would read a setting which nothing in a scenario's flights reads; None if something does."""
+    """Return the part that would read a setting that no part of a scenario reads; None if some part reads it."""
     group, _, rest = key.partition(".")
     sensor = rest.split(".")[1] if key.startswith("truth.sensors.") and rest.count(".") else group
     if sensor in known_sensors() and sensor not in scenario.sensors:
@@ -166,9 +166,9 @@ def why_unread(key: str, scenario: Scenario) -> str | None:
 
 
 def unread_settings(scenario: Scenario, name_or_file: str | Path, settings: Sequence[Setting] = ()) -> list[str]:
-    """Return a line for each setting that a user gave and no flown part of a scenario reads.
+    """Return a warning for each setting that a user gave and that no part of the flown scenario reads.
 
-    They are laid over a ready-made scenario, whose own settings are not told, or a .yaml file, whose own are.
+    The user gives `settings`, and also the settings in a .yaml file; the settings of ready-made scenarios do not count.
     """
     given = [key for key, value, _ in map(parsed, settings) for key in _leaves(key, value)]
     given += _own_of(resolve(name_or_file, "scenario"))
@@ -181,7 +181,7 @@ def unread_settings(scenario: Scenario, name_or_file: str | Path, settings: Sequ
 
 
 def _leaves(key: str, value: Any) -> Iterator[str]:
-    """Yield the keys of the single settings in a group, or the key itself."""
+    """Yield the keys of the single settings in a group, or the key itself if the value is no group."""
     if isinstance(value, dict):
         for name, inner in value.items():
             yield from _leaves(f"{key}.{name}" if key else str(name), inner)
@@ -190,7 +190,7 @@ def _leaves(key: str, value: Any) -> Iterator[str]:
 
 
 def _own_of(path: Path) -> list[str]:
-    """Return the settings of a user's file, and of the files of his that it is laid over, that change anything."""
+    """Return the keys in a user's file, and in the user's files that are its bases, that differ from their base."""
     if path.parent == SCENARIO_FOLDER:
         return []
     data = parse_yaml(read_text(path), str(path)) or {}

@@ -1,4 +1,4 @@
-"""The simulated physics apart from the sensors, the command link and the failsafe."""
+"""Settings of the simulated physics, of the failsafe, and of the treatment of late commands."""
 
 import math
 from typing import Annotated, Literal
@@ -13,13 +13,13 @@ class Commands(Frozen):
     """How filter and servo account for the delay and loss of commands on their way to the rotors."""
 
     filter: Literal["sent", "acted"] = "sent"
-    """'sent' predicts with each command as if it acted at its tick, the paper's filter. 'acted' predicts with the
-    commands that acted and when, as the world reports them, and puts right the ticks of which it learns later; only
-    with estimator.delay 'replay'."""
+    """'sent' is the paper's filter: it predicts as if each command acted at its own tick. 'acted' predicts with the
+    commands that acted, at the times at which the world reports that they acted, and corrects past ticks when a report
+    comes late; only with estimator.delay 'replay'."""
     servo: Literal["present", "predicted", "augmented"] = "present"
-    """'present' acts on the state of the tick. 'predicted' acts on the state and the reference of the time at which its
-    command will act, with the commands on the way. 'augmented' acts on the state of the tick and the commands on the
-    way, by the LQ gain of a plant that has them as states."""
+    """'present' uses the state of the tick. 'predicted' uses the state and the reference predicted for the time at
+    which the command will act, given the commands on their way. 'augmented' uses the state of the tick and the commands
+    on their way, with the LQ gain of a plant that has these commands as states."""
     delay: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     """time from the tick of a command until it acts [s]. null uses the delays that the world reports; 'augmented' needs
     a number, because its gain is computed before the flight."""
@@ -39,24 +39,24 @@ Frequency = Annotated[float, Field(gt=0.0, le=20.0)]
 
 
 class Failsafe(Frozen):
-    """The flight controller's hold and landing while no command comes."""
+    """The flight controller's hold and landing while no command arrives."""
 
     timeout: Positive = 0.2
     """largest age of a command that still counts [s]."""
     hold_for: NonNegativeFloat = 5.0
-    """time without a command after which the vehicle descends [s], counted from the hold's start."""
+    """time without a command, from the start of the hold, after which the vehicle descends [s]."""
     descent_rate: Positive = 0.3
     """vertical speed of the descent [m/s]."""
     landing_height: NonNegativeFloat = 0.15
-    """z of the centre of mass of the vehicle standing on its legs [m]; ours."""
+    """z in W of the centre of mass while the vehicle stands on its legs [m]; our own value."""
     max_tilt: Annotated[float, Field(gt=0.0, le=math.pi / 4.0)] = math.radians(20.0)
-    """largest roll or pitch asked for to brake [rad]."""
+    """largest roll or pitch commanded to brake [rad]."""
     braking_frequency: Frequency = 3.0
-    """p, where the horizontal velocity has its triple pole [rad/s]."""
+    """p: the horizontal velocity has a triple pole at -p [rad/s]."""
     altitude_frequency: Frequency = 2.0
-    """w_z, where the altitude has its double pole [rad/s]."""
+    """w_z: the altitude has a double pole at -w_z [rad/s]."""
     yaw_frequency: Frequency = 2.0
-    """w_psi, where the yaw has its double pole [rad/s]."""
+    """w_psi: the yaw has a double pole at -w_psi [rad/s]."""
 
 
 DragCoefficient = Annotated[float, Field(ge=0.0, le=10.0)]
@@ -69,21 +69,21 @@ class IdealRotors(Frozen):
 
 
 class FirstOrderRotors(Frozen):
-    """Mixing to the speeds of the rotors, limits of speed, and a first-order lag with the vehicle's time constants."""
+    """The control is mixed to rotor speeds, which are limited and lag by the vehicle's first-order time constants."""
 
     kind: Literal["first_order"]
 
 
 class Disturbance(Frozen):
-    """Force in W and torque in B, Gaussian and white: drawn every tick h, held over it, of sd density / sqrt(h)."""
+    """White Gaussian force in W and torque in B, drawn each tick h and held over it, with sd density / sqrt(h)."""
 
     force_density: NonNegativeFloat = 0.27 * USUAL_ROOT
-    """of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s."""
+    """noise density of the force per axis [N/sqrt(Hz)]; the default is 0.27 N in a tick of 1/30 s."""
     torque_density: NonNegativeFloat = 0.005 * USUAL_ROOT
-    """of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s."""
+    """noise density of the torque per axis [N m/sqrt(Hz)]; the default is 0.005 N m in a tick of 1/30 s."""
 
     def sds(self, h: float) -> tuple[float, float]:
-        """Return the standard deviations of force [N] and torque [N m] in a tick [s]."""
+        """Return the standard deviations of force [N] and torque [N m] in a tick of h [s]."""
         return white_sd(self.force_density, h), white_sd(self.torque_density, h)
 
 
@@ -94,15 +94,15 @@ class World(Frozen):
     """'small_angle' is the paper's nonlinear model, 'rigid_body' has proper Euler-rate kinematics, 'linear' is the
     paper's linearisation at hover."""
     plant: Literal["sampled", "continuous"] = "sampled"
-    """'sampled' steps the vehicle once a tick by the classical Runge-Kutta method, which for held inputs leaves the
-    simulator nothing to integrate; 'continuous' has Drake integrate it. Rotors with a lag need the latter. Where a
-    sensor is faster than the tick the plant is always integrated, from sample to sample."""
+    """'sampled' steps the vehicle once a tick by the classical Runge-Kutta method with the inputs held; Drake's
+    simulator then has nothing to integrate. With 'continuous' Drake integrates the vehicle. Rotors with a lag need
+    'continuous'. If a sensor is faster than the tick, the plant is always integrated, from sample to sample."""
     rotors: Annotated[IdealRotors | FirstOrderRotors, Field(discriminator="kind")] = IdealRotors()
-    """between the control and the body."""
+    """model of the rotors between the control and the body."""
     disturbance: Disturbance = Disturbance()
     """random forces and torques on the vehicle."""
     drag: tuple[DragCoefficient, DragCoefficient, DragCoefficient] = (0.0, 0.0, 0.0)
-    """of the rotors in still air, force over velocity along x, y and z of B [N s/m]."""
+    """drag coefficients of the rotors in still air, force over velocity along x, y and z of B [N s/m]."""
 
     @model_validator(mode="after")
     def _lag_is_integrated(self) -> "World":

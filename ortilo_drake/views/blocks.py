@@ -1,8 +1,8 @@
-"""The paper's block diagram of a wiring: which boxes make up which block, and the signals between blocks.
+"""The paper's block diagram of a wiring: the boxes of each block, and the signals between blocks.
 
     planner -> servo -> [command link] -> vehicle -> sensors -> fixes -> handler -> filter -> servo
 
-A sensor's block holds its clock, errors, faults and link, too; the handler's whatever refuses or weighs what arrived.
+A sensor's block also holds its clock, errors, faults and link. The handler's block holds all gates and weights.
 """
 
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ortilo_drake.loop.wiring import Wire, Wiring
 
-COLUMNS = ("planner", "servo", "command link", "vehicle", "sensor", "fix", "handler", "filter")  # as the signals go
+COLUMNS = ("planner", "servo", "command link", "vehicle", "sensor", "fix", "handler", "filter")  # in signal order
 WORLD = ("command link", "vehicle", "sensor")
 _COLUMN_OF = {
     "reference": "planner",
@@ -20,7 +20,7 @@ _COLUMN_OF = {
     **dict.fromkeys(("filter", "own_filter", "estimator", "vehicle_belief", "belief_parts"), "filter"),
 }
 _ONBOARD_OF_SENSOR = ("stuck_gate", "mean", "belief_at_stamp", "vehicle_at_stamp", "prior", "sighted", "bank", "fix")
-_OWN_PARTS = ("servo", "reference")  # boxes of their names cut what they read out of a belief
+_OWN_PARTS = ("servo", "reference")  # boxes named after these select their inputs from a belief
 _SIGNALS = {
     "plant": "x", "servo": "u", "command_link.applied": "u", "reference": "r", "filter": "x̂, P",
     "vehicle_belief": "x̂, P",
@@ -32,7 +32,7 @@ _SIGNALS = {
 
 @dataclass(frozen=True)
 class Block:
-    """A block of the paper's diagram: its name, its place among COLUMNS, and the names of its boxes."""
+    """A block of the paper's diagram: its name, its column (one of COLUMNS), and the names of its boxes."""
 
     name: str
     column: str
@@ -41,7 +41,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Arrow:
-    """A box's input, or a value that it holds: `said` is "box" or "box.part", `wire` its source."""
+    """An input of a box, or a box that a bundle holds: `said` is "box" or "box.part", `wire` the source."""
 
     reader: str
     port: str
@@ -50,7 +50,7 @@ class Arrow:
 
 
 def arrows_of(wiring: Wiring) -> Iterator[Arrow]:
-    """Yield every wire of a wiring, and after them what its bundles hold."""
+    """Yield an arrow for every wire of a wiring, then one for every box in its bundles."""
     for (reader, port), wire in wiring.wires.items():
         yield Arrow(reader, port, wiring.boxes[reader].reads.get(port, port), wire)
     for held, holder in wiring.holders.items():
@@ -61,7 +61,7 @@ def blocks_of(wiring: Wiring) -> dict[str, Block]:
     """Return the blocks of a scenario's wiring by name, in the order of COLUMNS."""
     acts = (name for name, box in wiring.boxes.items() if box.element.functions or box.system or name in _COLUMN_OF)
     places = {name: _place(wiring, name) for name in acts}
-    for name in wiring.boxes:  # constants and bundles belong to who reads them
+    for name in wiring.boxes:  # constants and bundles belong to the block that reads them
         if name not in places:
             readers = (arrow.reader for arrow in arrows_of(wiring) if arrow.wire.box == name)
             places[name] = next((places[reader] for reader in readers if reader in places), ("filter", "filter"))
@@ -75,7 +75,7 @@ def blocks_of(wiring: Wiring) -> dict[str, Block]:
 
 
 def signals_between(wiring: Wiring, blocks: dict[str, Block]) -> dict[tuple[str, str], list[str]]:
-    """Return the names of the signals that go from one block to another, by the two blocks."""
+    """Return the names of the signals between blocks, by the names of source and reader block."""
     home = {box: block for block in blocks.values() for box in block.boxes}
     found: dict[tuple[str, str], list[str]] = {}
     for arrow in arrows_of(wiring):
@@ -88,14 +88,14 @@ def signals_between(wiring: Wiring, blocks: dict[str, Block]) -> dict[tuple[str,
 
 
 def _place(wiring: Wiring, name: str) -> tuple[str, str]:
-    """Return a box's block and its column."""
+    """Return the names of a box's block and of the block's column."""
     if name in _COLUMN_OF:
         return _COLUMN_OF[name], _COLUMN_OF[name]
-    if name == "detector":  # it looks at what the camera sent
+    if name == "detector":  # the detector reads the camera's pictures
         name = "camera_fix"
     sensors = [box.removesuffix("_link") for box in wiring.boxes if box.endswith("_link") and box != "command_link"]
     its = [sensor for sensor in sensors if name == sensor or name.startswith(f"{sensor}_")]
-    if name == "now":  # the time of a report of the commands that acted
+    if name == "now":  # the time of a report that says which commands acted
         return "acted", "sensor"
     if not its:
         own = next((part for part in _OWN_PARTS if name.startswith(f"{part}_")), None)

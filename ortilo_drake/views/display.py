@@ -1,4 +1,4 @@
-"""A flight in Meshcat, live in the browser."""
+"""A live flight in Meshcat, shown in the browser."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,7 @@ def fly_live(
 ) -> xr.Dataset:
     """Fly in real time while Meshcat shows it in the browser.
 
-    `say` takes a line: the address to open, and what was refused there; the progress is as in fly.
+    `say` is called with lines of text: the address to open, and what the guard refused. `progress` is as in fly.
     """
     room = scenario.load_room()
     meshcat = hidden_meshcat()

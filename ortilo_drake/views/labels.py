@@ -1,4 +1,4 @@
-"""Labels beside points of a figure, none over another and none over a point."""
+"""Labels beside points of a figure that cover neither each other nor a point."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -9,14 +9,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 
-_GAP = 3.0  # between a label and what it must not touch [px]
-_FIRST, _STEP, _RINGS = 11.0, 4.0, 120  # distances of a label from its point [px], and how many of them are tried
-_DIRECTIONS = 24
-_LEADER = 16.0  # a label farther from its point than that has a line to it [px]
+_GAP = 3.0  # gap between a label and other labels or points [px]
+_FIRST, _STEP, _RINGS = 11.0, 4.0, 120  # first distance of a label from its point, step [px], number of distances
+_DIRECTIONS = 24  # directions tried at each distance
+_LEADER = 16.0  # distance from its point beyond which a label has a line to the point [px]
 
 
 class Label(NamedTuple):
-    """A text of a colour to put beside the point (x, y), in the axes' data."""
+    """A text and its colour, to put beside the point (x, y) in the axes' data coordinates."""
 
     x: float
     y: float
@@ -27,11 +27,11 @@ class Label(NamedTuple):
 def put_labels(
     axes: Axes, labels: Sequence[Label], points: np.ndarray, size: float = 7.0, halo: str = "white"
 ) -> list[Annotation]:
-    """Put labels beside their points, each at the nearest place where it covers nothing; return them.
+    """Put labels beside their points, each at the nearest place where it covers nothing; return the annotations.
 
-    Earlier ones choose first. None is over a point: x and y in the axes' data, half width and half height [px] (n, 4).
-    The size is that of the text [pt], the halo a colour around it, which sets it off from what is behind. Call it once
-    limits and layout of the figure are final.
+    Earlier labels choose first. No label covers one of `points`: x and y in the axes' data coordinates, half width and
+    half height [px] (n x 4). `size` is the font size [pt]; `halo` is a colour around the text that separates it from
+    the background. Call this once limits and layout of the figure are final.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None
@@ -67,7 +67,7 @@ def put_labels(
 def _free_place(
     at: np.ndarray, half: np.ndarray, ways: np.ndarray, taken: np.ndarray, frame: tuple[float, float, float, float]
 ) -> np.ndarray:
-    """Return the offset (2) [px] by which a label clears `taken` (n, 4) within `frame`, by `ways` in turn."""
+    """Return the first offset (2) [px] with which a label clears `taken` (n x 4) inside `frame`, trying `ways`."""
     offset = np.zeros(2)
     for ring in range(_RINGS):
         for way in ways:

@@ -1,4 +1,4 @@
-"""Tables in Markdown, and numbers as text: no more digits than their intervals know, and lost flights by name."""
+"""Tables in Markdown, and numbers as text: with the digits that their intervals justify, 'lost' for lost flights."""
 
 import math
 
@@ -17,9 +17,9 @@ LOST = "lost"
 
 
 def number(value: float, half_width: float | None = None) -> str:
-    """Return a number to the decimal place of the first digit of its interval's half width, but one digit at least.
+    """Return a number as text, rounded to the first digit of its interval's half width, but to at least one digit.
 
-    Without a half width it has two digits.
+    Without a half width the text has two digits. An infinite number is LOST.
     """
     if math.isinf(value):
         return LOST
@@ -31,12 +31,12 @@ def number(value: float, half_width: float | None = None) -> str:
 
 
 def _place(value: float) -> int:
-    """Return the decimal place of the first digit: 1 of 0.3, 0 of 3, -1 of 30."""
+    """Return the decimal place of a number's first digit: 1 for 0.3, 0 for 3, -1 for 30."""
     return -math.floor(math.log10(float(f"{abs(value):.0e}"))) if value else 0
 
 
 def with_interval(value: float | None, interval: Interval | None) -> str:
-    """Return a number and its interval; [?] where there are too few flights for one, 'none' where there is nothing."""
+    """Return a number and its interval as text; [?] if there are too few flights for an interval, 'none' for None."""
     if value is None:
         return "none"
     if interval is None or math.isinf(interval[0]):
@@ -47,20 +47,20 @@ def with_interval(value: float | None, interval: Interval | None) -> str:
 
 
 def mean_with_interval(mean: float | None, interval: Interval | None) -> str:
-    """Return a mean and its interval, if there is one, with two decimal places; '-' where there is no mean."""
+    """Return a mean and its interval, if there is one, with two decimal places; '-' if the mean is None."""
     if mean is None:
         return "-"
     return f"{mean:.2f}" + (f" [{interval[0]:.2f}, {interval[1]:.2f}]" if interval else "")
 
 
 def in_its_digits(other: float, value: float, interval: Interval | None) -> str:
-    """Return another number to the decimal places of a number with its interval, as with_interval writes it."""
+    """Return `other` as text, rounded as with_interval rounds `value`."""
     known = interval is not None and not math.isinf(interval[0])
     return number(other, _half_width(value, *interval) if known and interval else None)
 
 
 def _half_width(value: float, low: float, high: float) -> float | None:
-    """Return the geometric mean of a number's distances to the ends that are no lost flight's, None if it is lost."""
+    """Return the geometric mean of a number's distances to the finite ends of its interval; None if there is none."""
     apart = [abs(end - value) for end in (low, high) if math.isfinite(end)] if math.isfinite(value) else []
     if not apart:
         return None
@@ -68,7 +68,7 @@ def _half_width(value: float, low: float, high: float) -> float | None:
 
 
 def of_all_and_kept(middle: Middle, lost: int) -> str:
-    """Return a median with the lost flights as worst, then that of the kept ones; the first alone if none was lost."""
+    """Return the median with lost flights as the worst, then the median of kept flights if any flight was lost."""
     every = with_interval(middle.median, middle.interval)
     if not lost or middle.kept is None:
         return every
@@ -76,7 +76,7 @@ def of_all_and_kept(middle: Middle, lost: int) -> str:
 
 
 def count(events: int, trials: int) -> str:
-    """Return a count of trials and Wilson's interval of its share."""
+    """Return the number of events among trials, and Wilson's interval of the share."""
     return f"{events} of {trials} {share(events, trials)}"
 
 

@@ -1,6 +1,6 @@
-"""The colours and the style of all figures, of the notebooks' too, in one place.
+"""The colours and the style of all figures, including the notebooks' figures.
 
-The colours are Okabe and Ito's, which colour-blind readers can tell apart.
+The colours are from Okabe and Ito's palette, whose colours colour-blind readers can tell apart.
 """
 
 from typing import Any, Final
@@ -15,10 +15,10 @@ YELLOW: Final = "#F0E442"
 PLANNED: Final = "k"
 TRUE: Final = ORANGE
 ESTIMATED: Final = BLUE
-SHADE: Final = "0.9"  # behind the curves while UWB is blacked out
-GREY: Final = "0.55"  # lines to compare with
+SHADE: Final = "0.9"  # background of the curves while UWB is blacked out
+GREY: Final = "0.55"  # reference lines
 
-# By scenario and by sensor; OTHER is for those that are not named.
+# Colours by scenario and by sensor; OTHER is for all other names.
 COLOR: Final = {"imu_uwb": BLUE, "imu_uwb_yolo": ORANGE, "uwb": BLUE, "camera": ORANGE, "flow": PURPLE, "imu": GREEN}
 OTHER: Final = GREEN
 

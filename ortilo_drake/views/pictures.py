@@ -1,4 +1,4 @@
-"""Files of matplotlib figures."""
+"""Writing matplotlib figures to files."""
 
 import io
 from collections.abc import Iterator
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ENDINGS: Final = ("png", "svg", "pdf", "eps", "jpg", "jpeg", "tif", "tiff", "webp")
-# A figure drawn twice gives the same bytes: no date, no names drawn at random.
+# A figure drawn twice gives the same bytes: no date, no random names.
 _UNDATED: Final = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-# Text stays text: searched and edited in both, the fonts are embedded in a PDF.
+# Text stays text, to be searched and edited in SVG and PDF; a PDF embeds the fonts.
 _KEPT: Any = {"svg.hashsalt": "ortilo", "svg.fonttype": "none", "pdf.fonttype": 42}
 
 
 class Format(StrEnum):
-    """Formats of the figures that a command names itself."""
+    """File formats of the figures whose names a command chooses."""
 
     png = "png"
     svg = "svg"
@@ -36,7 +36,7 @@ _chosen: ContextVar[Format] = ContextVar("format", default=Format.png)
 
 @contextmanager
 def drawn_as(format_: Format) -> Iterator[None]:
-    """Have figure_file name files of a format until the block ends."""
+    """Let figure_file return names with this format's ending until the block ends."""
     before = _chosen.set(format_)
     try:
         yield
@@ -45,12 +45,12 @@ def drawn_as(format_: Format) -> Iterator[None]:
 
 
 def figure_file(folder: Path, stem: str) -> Path:
-    """The path of a command's figure in its folder, in the format of `ortilo --figures`; PNG without it."""
+    """Return the path of a command's figure in its folder, in the format of `ortilo --figures`; PNG by default."""
     return folder / f"{stem}.{_chosen.get()}"
 
 
 def check_picture(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
-    """Check that a picture can be written to a file of that ending; InputError names the endings."""
+    """Raise InputError, naming the allowed endings, if pictures cannot be written to a file with this ending."""
     if path.suffix[1:].lower() not in endings:
         allowed = ", ".join(f".{ending}" for ending in endings)
         raise InputError(
@@ -59,7 +59,7 @@ def check_picture(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
 
 
 def save_picture(figure: "Figure", path: Path) -> Path:
-    """Write a figure in the chosen theme and return its path. Errors as check_picture and write_bytes."""
+    """Write a figure in the chosen theme and return its path. Errors as in check_picture and write_bytes."""
     import matplotlib as mpl
 
     check_picture(path)
@@ -72,7 +72,7 @@ def save_picture(figure: "Figure", path: Path) -> Path:
 
 @contextmanager
 def figure_to(path: Path, size: tuple[float, float], style: Any = STYLE) -> Iterator["Figure"]:
-    """Give a figure of a size [in] in a style to draw in, and write it when the block ends. Errors as save_picture."""
+    """Yield an empty figure of a size [in] and a style; write it when the block ends. Errors as in save_picture."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""The plan of a room in characters, for a terminal."""
+"""The plan of a room as text, for a terminal."""
 
 import numpy as np
 from pydrake.trajectories import Trajectory
@@ -6,12 +6,12 @@ from pydrake.trajectories import Trajectory
 from ortilo_drake.model.footprints import footprints
 from ortilo_drake.model.room import Room
 
-MOST = 110  # columns
+MOST = 110  # largest number of columns
 LEGEND = "# wall  o obstacle  . path  S start  G goal  A anchor  L landmark"
 
 
 def room_text(room: Room, path: Trajectory | None, width: int) -> str:
-    """Return the plan of a room in at most that many columns, north up, each character twice as high as wide."""
+    """Return the plan of a room in at most `width` columns, north up, for characters twice as high as wide."""
     low, high = np.array(room.interior.min[:2]), np.array(room.interior.max[:2])
     columns = max(min(width, MOST) - 2, 10)
     step = (high[0] - low[0]) / columns

@@ -1,6 +1,6 @@
-"""The looks of a figure that is written to a file: light, dark, for slides or for print. One place for all figures.
+"""The themes of figures that are written to files: light, dark, for slides or for print.
 
-A look is applied to the finished figure, so the functions that draw need not know it.
+A theme is applied to the finished figure, so the functions that draw need not know the theme.
 """
 
 import colorsys
@@ -16,20 +16,20 @@ from ortilo_drake.model.input_error import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SLIDE_SIZE: Final = (9.6, 5.4)  # of a slide [in]: 16:9, and so small that the letters of a page are large on it
-SLIDE_DPI: Final = 200  # 1920 x 1080 pixels
-SLIDE_TEXT: Final = 7.2  # the least size of its letters [pt], 20 pixels
-PRINTED: Final = 300  # of print [dpi]
-_NEUTRAL: Final = 0.15  # greatest less least of red, green and blue of what counts as a grey
+SLIDE_SIZE: Final = (9.6, 5.4)  # size of a slide [in]: 16:9, and small, so that text of a page's size looks large
+SLIDE_DPI: Final = 200  # resolution of a slide: 1920 x 1080 pixels
+SLIDE_TEXT: Final = 7.2  # smallest font size on a slide [pt], 20 pixels
+PRINTED: Final = 300  # resolution of print [dpi]
+_NEUTRAL: Final = 0.15  # a colour whose red, green and blue differ by less counts as grey
 _CAPTION: Final = 8.0  # size of a caption [pt]
 _TITLE: Final = 12.0  # size of a title that the user chose [pt]
-_LETTER: Final = 0.54  # width of a letter over its size, on average
-_DARKEST: Final = 0.5  # least lightness of a colour on a dark ground
-_GROUND: Final = 0.07  # lightness of the dark ground
+_LETTER: Final = 0.54  # mean width of a letter over its font size
+_DARKEST: Final = 0.5  # least lightness of a colour on a dark background
+_GROUND: Final = 0.07  # lightness of the dark background
 
 
 class Theme(StrEnum):
-    """Looks of figures."""
+    """The themes of figures."""
 
     light = "light"
     dark = "dark"
@@ -43,7 +43,7 @@ _title: ContextVar[str] = ContextVar("title", default="")
 
 @contextmanager
 def themed(theme: Theme, title: str = "") -> Iterator[None]:
-    """Write every figure in a look, and under a title if there is one, until the block ends."""
+    """Write every figure in a theme, and under a title if there is one, until the block ends."""
     before, titled = _chosen.set(theme), _title.set(title)
     try:
         yield
@@ -53,12 +53,12 @@ def themed(theme: Theme, title: str = "") -> Iterator[None]:
 
 
 def for_slides() -> bool:
-    """Return whether figures are for slides: apply_theme makes all 16:9, some place their panels otherwise for it."""
+    """Return whether figures are for slides; these are 16:9, and some figures arrange their panels differently."""
     return _chosen.get() is Theme.slides
 
 
 def add_title(figure: "Figure", title: str, caption: str = "") -> None:
-    """Give a figure a title of one line, and below all else a caption, in lines of about the same length."""
+    """Give a figure a title of one line, and at the bottom a caption in lines of about the same length."""
     width = (SLIDE_SIZE if for_slides() else figure.get_size_inches())[0]
     figure.suptitle(title, fontsize=10)
     if caption:
@@ -66,7 +66,7 @@ def add_title(figure: "Figure", title: str, caption: str = "") -> None:
 
 
 def balanced(text: str, most: int) -> str:
-    """Break a text into as few lines of at most so many letters as it needs, the lines as short as they can be."""
+    """Break a text into the fewest lines of at most `most` letters, and make the longest line as short as possible."""
     lines = len(wrap(text, most))
     return next(fill(text, width) for width in range(1, most + 1) if len(wrap(text, width)) <= lines)
 
@@ -91,9 +91,9 @@ def apply_theme(figure: "Figure") -> dict[str, Any]:
 
 
 def in_theme(draw: Callable[[], "Figure"], name: str) -> "Figure":
-    """Return a figure drawn in a look, chosen by its name; savefig and a notebook show it so.
+    """Return a figure drawn in the theme of this name, as savefig and notebooks show it.
 
-    InputError for another name.
+    InputError if there is no such theme.
     """
     if name not in list(Theme):
         raise InputError(f"theme: {name!r}: must be one of {', '.join(Theme)}")
@@ -106,10 +106,10 @@ def in_theme(draw: Callable[[], "Figure"], name: str) -> "Figure":
 
 
 def _enlarge_words(figure: "Figure") -> None:
-    """Give no letters of a figure less than the least size of a slide's."""
+    """Enlarge all text of a figure to at least SLIDE_TEXT."""
     from matplotlib.text import Text
 
-    for axes in figure.axes:  # of ticks that are made when it is drawn, too
+    for axes in figure.axes:  # also the ticks that matplotlib makes when it draws the figure
         for name in ("x", "y"):
             ticks = getattr(axes, f"get_{name}ticklabels")()
             if ticks and ticks[0].get_fontsize() < SLIDE_TEXT:
@@ -119,7 +119,7 @@ def _enlarge_words(figure: "Figure") -> None:
 
 
 def _wrap_labels(figure: "Figure") -> None:
-    """Break the labels that are longer than their axes: they would be cut, or run into those of the next axes."""
+    """Break labels that are longer than their axes: they would be cut off, or run into the labels of the next axes."""
     figure.draw_without_rendering()
     for axes in figure.axes:
         for label, side in ((axes.xaxis.label, "width"), (axes.yaxis.label, "height")):
@@ -130,14 +130,14 @@ def _wrap_labels(figure: "Figure") -> None:
 
 
 def broken_name(name: str, most: int) -> str:
-    """Break a name after underscores into lines of about the same length, of at most so many letters."""
+    """Break a name after underscores into lines of about the same length, of at most `most` letters."""
     if len(name) <= most:
         return name
     return balanced(name.replace("_", "_ "), max(most, *map(len, name.split("_")))).replace("_ ", "_")
 
 
 def dark(color: Any) -> Any:
-    """A colour as it is on a dark ground: greys change places with their opposites, dark colours become lighter."""
+    """Return the RGBA colour for a dark background: greys are inverted, dark colours become lighter."""
     from matplotlib.colors import to_rgba
 
     *rgb, alpha = to_rgba(color)
@@ -148,9 +148,9 @@ def dark(color: Any) -> Any:
 
 
 def _darken(figure: "Figure") -> None:
-    """Give every line, face and word of a figure its colour on a dark ground.
+    """Give every line, face and text of a figure its colour for a dark background.
 
-    Maps and pictures stay as they are, and so do words that stand on them.
+    Maps, pictures and the text on them keep their colours.
     """
     from matplotlib.axes import Axes
     from matplotlib.collections import Collection, QuadMesh
@@ -177,12 +177,12 @@ def _darken(figure: "Figure") -> None:
         elif isinstance(artist, Collection) and artist.get_array() is None:
             faces, edges = artist.get_facecolor(), artist.get_edgecolor()
             artist.set(facecolor=[dark(color) for color in faces], edgecolor=[dark(color) for color in edges])
-    for axes in figure.findobj(Axes):  # of ticks that are made when it is drawn, too
+    for axes in figure.findobj(Axes):  # also the ticks that matplotlib makes when it draws the figure
         axes.tick_params(which="both", colors=dark("black"))
 
 
 def _darken_words(text: Any) -> None:
-    """Give a text, its box, its arrow and its halo their colours on a dark ground."""
+    """Give a text, its box, its arrow and its halo their colours for a dark background."""
     from matplotlib.patheffects import withStroke
 
     text.set_color(dark(text.get_color()))
