@@ -1,4 +1,4 @@
-"""Figures of what a flight does where UWB is blacked out: its errors over time, its fixes along x."""
+"""Figures of a flight with UWB blackouts: errors over time, fixes and errors along x."""
 
 import matplotlib as mpl
 import numpy as np
@@ -13,27 +13,27 @@ from ortilo_drake.views.figures import ShownFigure, position_errors
 from ortilo_drake.views.palette import COLOR, ESTIMATED, GREY, OTHER, SHADE, STYLE
 
 _STEP = 0.5  # width of the bins along x [m]
-_LEAST = 1e-3  # errors are drawn from here on [m]
+_LEAST = 1e-3  # smallest error that is drawn [m]
 
 
 def shade_blackouts(axes: Axes, flight: xr.Dataset) -> None:
-    """Shade the time [s] that the true vehicle spent in a UWB blackout."""
+    """Shade the times [s] at which the true vehicle was in a UWB blackout."""
     dark = in_blackout(flight["truth"].values, scenario_of(flight))
     across = axes.get_xaxis_transform()
     axes.fill_between(flight["time"].values, 0, 1, where=dark.tolist(), color=SHADE, lw=0, transform=across, zorder=0)
 
 
 def shade_blackouts_along_x(axes: Axes, scenario: Scenario) -> None:
-    """Shade where UWB is blacked out in x [m]."""
+    """Shade the ranges of x [m] in which UWB is blacked out."""
     for blackout in scenario.uwb.link.blackouts:
         if isinstance(blackout, PositionBlackout) and blackout.axis == "x":
             axes.axvspan(blackout.start, blackout.end, color=SHADE, lw=0, zorder=0)
 
 
 def draw_blackout_errors(flights: dict[str, xr.Dataset], axis: str = "x") -> Figure:
-    """Return a figure of each flight's error and the filter's own standard deviation over time [m].
+    """Return a figure of each flight's error and the filter's standard deviation over time [m].
 
-    The flights are by title, one a row; the axis is 'x', 'y' or 'z' of the room.
+    `flights` has the flights by title, one per row of the figure; `axis` is 'x', 'y' or 'z' of W. InputError if not.
     """
     if axis not in AXES:
         raise InputError(f"axis: {axis!r}: must be one of {', '.join(AXES)}")
@@ -56,10 +56,10 @@ def draw_blackout_errors(flights: dict[str, xr.Dataset], axis: str = "x") -> Fig
 
 
 def availability(flight: xr.Dataset, sensor: str, edges: np.ndarray) -> np.ndarray:
-    """Return the share of a sensor's due values that were used, by the vehicle's true x; NaN where none was due.
+    """Return the share of a sensor's due values that were used, in each bin of the true x (n); NaN where none was due.
 
-    The edges are those of the bins along x [m] (n + 1). A value that comes late is counted where the vehicle is when it
-    is used.
+    `edges` are the edges of the bins along x [m] (n + 1). A late value counts in the bin where the vehicle is when the
+    value is used.
     """
     scenario = scenario_of(flight)
     late = scenario.camera.latency if sensor == "camera" else 0
@@ -72,7 +72,7 @@ def availability(flight: xr.Dataset, sensor: str, edges: np.ndarray) -> np.ndarr
 
 
 def draw_availability(flight: xr.Dataset) -> Figure:
-    """Return a figure along the true x [m]: the error of each camera fix, and the share of the due fixes by sensor."""
+    """Return a figure along the true x [m]: the error of each camera fix, and the share of due fixes used by sensor."""
     scenario = scenario_of(flight)
     x = flight["truth"].values[:, 0]
     edges = np.arange(np.floor(x.min()), np.ceil(x.max()) + _STEP, _STEP)
@@ -105,9 +105,9 @@ def draw_availability(flight: xr.Dataset) -> Figure:
 
 
 def draw_errors_along_x(flights: dict[str, xr.Dataset]) -> Figure:
-    """Return a figure of the estimate's distance from the truth [m] along the true x [m].
+    """Return a figure of the distance from estimate to truth [m] along the true x [m].
 
-    The flights are by label; the blackouts are the first one's.
+    `flights` has the flights by label; the blackouts of the first flight are shaded.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 2.8), layout="constrained")

@@ -1,4 +1,4 @@
-"""The paper's block diagram as a picture (SVG): blocks in the order of the signals, feedback below, shortcuts above."""
+"""The paper's block diagram as an SVG picture: blocks in signal order, feedback below them, shortcuts above them."""
 
 from collections.abc import Iterable
 from html import escape
@@ -8,9 +8,9 @@ from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.views.blocks import COLUMNS, WORLD, Block, blocks_of, signals_between
 from ortilo_drake.views.palette import BLUE, ORANGE
 
-WIDE, HIGH, GAP, ROW, LANE, MARGIN = 96, 46, 88, 78, 26, 34  # of blocks, between them, and around all of them [px]
-SLIDE = 1920  # width of the picture where a file shows it as it is [px]
-LABEL = 11  # characters of a line beside an arrow between neighbours
+WIDE, HIGH, GAP, ROW, LANE, MARGIN = 96, 46, 88, 78, 26, 34  # width and height of a block, distances [px]
+SLIDE = 1920  # width of the picture in its own file [px]
+LABEL = 11  # largest number of characters in a line beside an arrow between neighbours
 STACKED = ("sensor", "fix")  # columns with a row for each sensor; all others have one block
 STYLE = """
 .blocks .node rect { fill: #fff; stroke: #1f2733; stroke-width: 1.4 }
@@ -39,17 +39,17 @@ class Placed(NamedTuple):
 
     @property
     def right(self) -> float:
-        """Its right edge."""
+        """The x of the block's right edge [px]."""
         return self.left + WIDE
 
     @property
     def middle(self) -> float:
-        """The height of its middle."""
+        """The y of the block's middle [px]."""
         return self.top + self.high / 2
 
 
 class Net(NamedTuple):
-    """A signal that passes other blocks: its source, its side of them, its targets and its name."""
+    """A signal that passes other blocks: its source, whether it passes above them, its targets and names."""
 
     source: str
     above: bool
@@ -82,7 +82,7 @@ def block_picture(wiring: Wiring) -> str:
 
 
 def _row(block: Block, rows: list[str]) -> int:
-    """Return the row of a sensor or of its fix, -1 of any other block."""
+    """Return the row of a sensor's block or of its fix's block; -1 for any other block."""
     return rows.index(block.name.removesuffix(" fix")) if block.column in STACKED else -1
 
 
@@ -90,7 +90,7 @@ Cell = tuple[int, int]
 
 
 def _is_straight(source: Cell, target: Cell, cells: dict[str, Cell]) -> bool:
-    """Return whether an arrow can go from one block to another with nothing between them."""
+    """Return whether a straight arrow between two blocks crosses no other block."""
     (first, row), (last, other) = source, target
     if first >= last or (row >= 0 and other >= 0 and row != other):
         return False
@@ -111,7 +111,7 @@ def _placed(name: str, cells: dict[str, Cell], straight: Iterable[tuple[str, str
 
 
 def nets_of(signals: dict[tuple[str, str], list[str]], cells: dict[str, Cell]) -> list[Net]:
-    """Return the signals that go past blocks: forward above them, back below; on each side the shortest first."""
+    """Return the signals that pass other blocks, the shortest first: forward signals pass above, feedback below."""
     found: dict[tuple[str, bool], Net] = {}
     for (source, target), names in signals.items():
         above = cells[source][0] < cells[target][0]
@@ -137,7 +137,7 @@ def halves(columns: list[str], top: float, bottom: float) -> list[str]:
 
 
 def block_box(block: Block, its: Placed) -> str:
-    """Return a block: its name in a box, with the boxes in it as a browser's tooltip."""
+    """Return the SVG of a block: a box with the block's name, and a tooltip with the names of its boxes."""
     said = escape(f"{block.name}: {', '.join(block.boxes)}")
     fit = f' textLength="{WIDE - 8}" lengthAdjust="spacingAndGlyphs"' if len(block.name) > 11 else ""
     return (
@@ -148,7 +148,7 @@ def block_box(block: Block, its: Placed) -> str:
 
 
 def between(pair: tuple[str, str], names: list[str], placed: dict[str, Placed]) -> str:
-    """Return a straight arrow with its name."""
+    """Return the SVG of a straight arrow with the names of its signals."""
     source, target = (placed[name] for name in pair)
     y = _line(source, target)
     x = source.right + (GAP - 14) / 2
@@ -158,12 +158,12 @@ def between(pair: tuple[str, str], names: list[str], placed: dict[str, Placed]) 
 
 
 def _line(source: Placed, target: Placed) -> float:
-    """Return the height of a straight arrow."""
+    """Return the y of a straight arrow [px]."""
     return next((its.middle for its in (source, target) if its.row >= 0), source.middle)
 
 
 def _lines(names: list[str]) -> list[str]:
-    """Return names in lines of LABEL characters."""
+    """Return the names, joined to lines of at most LABEL characters where they fit."""
     lines = [names[0]]
     for name in names[1:]:
         longer = f"{lines[-1]}, {name}"
@@ -174,7 +174,7 @@ def _lines(names: list[str]) -> list[str]:
 def detours(
     nets: list[Net], placed: dict[str, Placed], straight: Iterable[tuple[str, str]], top: float, bottom: float
 ) -> list[str]:
-    """Return the arrows that go past blocks, each net on a lane of its own."""
+    """Return the SVG of the arrows that pass other blocks; each net has its own lane."""
     drawn = []
     for above in (True, False):
         side = [net for net in nets if net.above == above]
@@ -201,7 +201,7 @@ def detours(
 
 
 def _end(net: Net, target: str, placed: dict[str, Placed], side: list[Net]) -> tuple[float, str]:
-    """Return the point at which a net leaves its lane for a target, and its path on; `side`: the nets of that side."""
+    """Return the x at which a net leaves its lane for a target, and the SVG path from there; `side` has its nets."""
     its = placed[target]
     rows = [other.row for other in placed.values() if other.column == its.column]
     if its.row == (min if net.above else max)(rows):

@@ -20,18 +20,18 @@ from ortilo_drake.views.palette import BLUE, COLOR, ESTIMATED, GREEN, ORANGE, OT
 from ortilo_drake.views.pictures import figure_to, save_picture
 from ortilo_drake.views.themes import for_slides
 
-DRAWN = ["truth", "reference", "due", "arrival"]  # variables of a flight that trajectory_figure and arrival_figure read
+DRAWN = ["truth", "reference", "due", "arrival"]  # variables that trajectory_figure and arrival_figure read
 TITLE = {"imu_uwb": "IMU+UWB", "imu_uwb_yolo": "IMU+UWB+YOLO"}
 
 
 class ShownFigure(Figure):
-    """A figure that a notebook shows as the result of a cell, also where `%matplotlib inline` was not called.
+    """A figure that a notebook shows as the result of a cell, even without `%matplotlib inline`.
 
-    It is written in the dpi that it has by now, which a theme may have set; Matplotlib takes those that it was made in.
+    The figure is written with its current dpi, which a theme may have set; Matplotlib would use the original dpi.
     """
 
     def savefig(self, fname: Any, **settings: Any) -> None:
-        """Write the figure, as Matplotlib's savefig."""
+        """Write the figure like Matplotlib's savefig."""
         if settings.get("dpi", mpl.rcParams["savefig.dpi"]) == "figure":
             settings["dpi"] = self.dpi
         super().savefig(fname, **settings)
@@ -78,22 +78,22 @@ def draw_room(axes: Axes, room: Room, scenario: Scenario) -> None:
 
 
 def turned(middle: np.ndarray, yaw: float, half: np.ndarray) -> np.ndarray:
-    """The corners (4, 2) of a rectangle of those half sides (2) about a point (2), turned by yaw [rad]."""
+    """Return the corners (4 x 2) of a rectangle with half sides `half` (2) about a point (2), turned by a yaw [rad]."""
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
     R = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     return np.asarray(corners @ R.T + middle)
 
 
 def thicken(legend: Legend) -> None:
-    """Draw a legend's lines thick enough that their colours can be told apart."""
+    """Make the lines of a legend thick enough to tell their colours apart."""
     for line in legend.get_lines():
         line.set_linewidth(max(line.get_linewidth(), 2.0))
 
 
 def trajectory_figure(flights: dict[str, list[xr.Dataset]], path: Path) -> Path:
-    """Draw the true paths of flights by scenario in the room, with the planned path (the paper's figure).
+    """Draw the true paths of flights, by scenario, and the planned path in the room (the paper's figure).
 
-    The first flight of each scenario is drawn in a stronger line.
+    The first flight of each scenario has a stronger line.
     """
     with figure_to(path, (11, 4.4)) as figure:
         axes = figure.add_subplot()
@@ -144,7 +144,7 @@ def draw_flight(flight: xr.Dataset) -> Figure:
             axes.plot(time, error[:, i], color="k", lw=0.8, label="error of the estimate")
             axes.set_ylabel(
                 f"{axis} [m]" if side_by_side else f"{axis} error [m]"
-            )  # low axes: the legend says the rest
+            )  # the axes are low: the legend names the error
             axes.tick_params(labelbottom=side_by_side)
             if side_by_side:
                 axes.set_xlabel("time [s]")
@@ -161,9 +161,10 @@ def _is_wide(room: Room) -> bool:
 
 
 def _places(figure: Figure, room: Room) -> tuple[Axes, list[Axes], Axes]:
-    """Return the axes of a flight's room, of its errors and of its arrivals.
+    """Return the axes of a flight's room, of its errors (3) and of its arrivals.
 
-    They are one below another; on a slide the errors are side by side below a wide room, or all are beside another.
+    All are one below the other. On a slide, the errors are side by side below a wide room, else all strips are beside
+    the room.
     """
     strips: Any = {"nrows": 4, "ncols": 1, "height_ratios": [1.2, 1.2, 1.2, 0.9]}
     if for_slides() and _is_wide(room):
@@ -179,21 +180,21 @@ def _places(figure: Figure, room: Room) -> tuple[Axes, list[Axes], Axes]:
 
 
 def position_errors(flight: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return the errors of the estimated position and their standard deviations, both (n, 3) [m]."""
+    """Return the errors of the estimated position and the filter's standard deviations, both in W (n x 3) [m]."""
     error = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
     return error, np.sqrt(np.diagonal(flight["covariance"].values[:, :3, :3], axis1=1, axis2=2))
 
 
 def draw_paths(axes: Axes, flight: xr.Dataset) -> None:
-    """Draw a flight's planned, true and estimated path from above [m]."""
-    # From wide to thin, so that each is seen where they lie on each other.
+    """Draw the planned, true and estimated path of a flight from above [m]."""
+    # From wide to thin, so that each path is visible where the paths coincide.
     axes.plot(*flight["truth"].values[:, :2].T, color=TRUE, lw=3.2, alpha=0.6, label="true")
     axes.plot(*flight["estimate"].values[:, :2].T, color=ESTIMATED, lw=1.2, label="estimated")
     axes.plot(*flight["reference"].values[:, :2].T, color=PLANNED, ls=(0, (5, 4)), lw=0.7, label="planned")
 
 
 def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
-    """Draw a bar while each sensor's due values but the imu's were used, a thin grey one while they are missing."""
+    """Draw, for each sensor except the imu, a bar while its due values were used, a thin grey bar while they missed."""
     time, own = flight["time"].values, [s for s in flight["sensor"].values if s not in ("uwb", "camera", "imu")]
     flown = [s for s in ("camera", "uwb") if flight["due"].sel(sensor=s).values.any()]
     sensors = (*own, *flown)
@@ -204,7 +205,7 @@ def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
         period = float(np.median(np.diff(t_due))) if len(t_due) > 1 else 0.05
         missing = np.searchsorted(t_used, t_due) == np.searchsorted(
             t_used, t_due + 0.99 * period
-        )  # a value comes later
+        )  # no value is used until the next one is due
         for t, height, color in ((t_due[missing], 0.25, "0.75"), (t_used, 0.8, COLOR.get(sensor, OTHER))):
             axes.broken_barh(_runs(t, period), (row - 0.5 * height, height), facecolors=color, edgecolors="none")
     axes.set_yticks(range(len(sensors)), [s.replace("uwb", "UWB") for s in sensors])
@@ -213,9 +214,9 @@ def draw_arrivals(axes: Axes, flight: xr.Dataset) -> None:
 
 
 def _runs(t: np.ndarray, period: float) -> list[tuple[float, float]]:
-    """Return start and length [s] of the runs in ascending times (n) of which each lasts for a period [s].
+    """Return start and length [s] of each run in ascending times (n), where each time lasts for a period [s].
 
-    One bar for each run rather than a line for each time: hundreds of those make a pattern of their own on a screen.
+    A bar for each run replaces a line for each time: hundreds of lines would make a false pattern on a screen.
     """
     if not len(t):
         return []

@@ -1,4 +1,4 @@
-"""The plan of a room, seen from above, to scale."""
+"""The plan of a room from above, to scale."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -22,20 +22,20 @@ from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.themes import SLIDE_DPI, SLIDE_SIZE, for_slides
 
 STYLE: Any = {"font.size": 9, "legend.frameon": False, "figure.dpi": 150, "savefig.dpi": 150, "axes.linewidth": 0.6}
-# Okabe and Ito's colours, then Tol's, which colour-blind readers can tell apart; classes take them in turn.
+# Colours of landmark classes, in turn: Okabe and Ito's, then Tol's; colour-blind readers can tell them apart.
 _CLASS = ("#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255", "#999933", "#44AA99", "#332288")
 _ANCHOR, _PATH, _INK = "#0B3C6F", "#1A1A1A", "#333333"
 _WALL, _WALL_EDGE, _FLOOR = "#8C7B6B", "#5E5146", "#FBF9F5"
-_FRAME = 0.10  # thickness in which the outer walls are drawn [m]
-_LARGEST = (11.0, 8.5)  # of the drawn room [in]
-_CORNER, _LEGEND = np.array([0.7, 0.6]), 0.55  # on a slide, below and left of the room; height of a legend below [in]
-_BELOW, _BESIDE = np.array([8.7, 3.7]), np.array([6.5, 4.25])  # the room on a slide, by where the legend is [in]
-_LEAST = np.array([2.6, 1.8])  # that a narrow room has with the space for its labels [in]
-_STEPS = (1, 2, 5, 10)  # between ticks, times powers of ten
+_FRAME = 0.10  # drawn thickness of the outer walls [m]
+_LARGEST = (11.0, 8.5)  # largest size of the drawn room [in]
+_CORNER, _LEGEND = np.array([0.7, 0.6]), 0.55  # on a slide: margins left of and below the room, height of a legend [in]
+_BELOW, _BESIDE = np.array([8.7, 3.7]), np.array([6.5, 4.25])  # largest room on a slide, legend below or beside [in]
+_LEAST = np.array([2.6, 1.8])  # least size of a narrow room with its labels on a slide [in]
+_STEPS = (1, 2, 5, 10)  # steps between ticks, times powers of ten
 
 
 def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
-    """Return a figure with axes that hold the room to scale, and further inches of height for a legend; or a slide."""
+    """Return a figure and axes that hold the room to scale, with `height` [in] left for a legend; slides are 16:9."""
     width, depth = np.subtract(room.interior.max, room.interior.min)[:2] + 4.0 * _FRAME
     scale = min(_LARGEST[0] / width, _LARGEST[1] / depth)
     inner = np.array([width, depth]) * scale
@@ -61,15 +61,15 @@ def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
 
 
 def _ticks(low: float, high: float, wall: float) -> FixedLocator:
-    """Return round ticks of an axis with those limits, none beyond the room's wall [m]."""
+    """Return round ticks between the limits of an axis, none beyond the room's wall [m]."""
     ticks = MaxNLocator(8, steps=_STEPS).tick_values(low, high)
     return FixedLocator([tick for tick in ticks if low <= tick <= wall])
 
 
 def _on_slide(inner: np.ndarray) -> tuple[np.ndarray, Any]:
-    """Return the size [in] and the place on a slide of a room with those sides, as large as its legend lets it.
+    """Return the size [in] and the place on a slide of a room with these sides, as large as the legend allows.
 
-    A narrow room has free space to its right or above it, into which its labels go.
+    A narrow room leaves free space to the right or above, for its labels.
     """
     largest = _BESIDE if _beside(inner) else _BELOW
     size = np.maximum(inner * min(largest / inner), _LEAST)
@@ -78,7 +78,7 @@ def _on_slide(inner: np.ndarray) -> tuple[np.ndarray, Any]:
 
 
 def _beside(sides: np.ndarray) -> bool:
-    """Return whether a room with those sides is larger on a slide with the legend beside it."""
+    """Return whether a room with these sides is larger on a slide if the legend is beside it than below it."""
     return bool(min(_BESIDE / sides) > min(_BELOW / sides))
 
 
@@ -106,7 +106,7 @@ def draw_fabric(axes: Axes, room: Room, floor: bool = True) -> None:
 
 
 def draw_path(axes: Axes, path: Trajectory) -> np.ndarray:
-    """Draw a path with a ring at its start and a disc at its end; return points of it (n, 2)."""
+    """Draw a path with a ring at its start and a disc at its end; return points of the path in W (n x 2) [m]."""
     points = path.vector_values(np.linspace(path.start_time(), path.end_time(), 300)).T[:, :2]
     axes.plot(*points.T, color="white", lw=3.2, zorder=3.0, solid_capstyle="round")
     axes.plot(*points.T, color=_PATH, lw=1.5, zorder=3.1, solid_capstyle="round")
@@ -116,7 +116,7 @@ def draw_path(axes: Axes, path: Trajectory) -> np.ndarray:
 
 
 def draw_scale(axes: Axes) -> None:
-    """Draw a bar of a round length outside the axes, at their upper left."""
+    """Draw a scale bar of a round length above the axes, at their upper left corner."""
     low, high = axes.get_xlim()
     bar = max(length for length in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0) if length <= max((high - low) / 5.0, 0.5))
     share = bar / (high - low)
@@ -128,7 +128,7 @@ def draw_scale(axes: Axes) -> None:
 def draw_plan(room: Room, path: Trajectory | None, name: str | None = None) -> Figure:
     """Return the plan of a room: walls, furniture, stands, anchors with their heights, landmarks, the planned path.
 
-    Its title has the room's name unless another is given.
+    The title has `name`, or the room's name if there is none.
     """
     with mpl.rc_context(STYLE):
         figure, axes = plan_figure(room)
@@ -151,7 +151,7 @@ def draw_plan(room: Room, path: Trajectory | None, name: str | None = None) -> F
             labels.append(Label(x, y, f"{i} {landmark.label}", _darker(colors[landmark.label])))
         size = np.subtract(room.interior.max, room.interior.min)
         title = f"{name or room.name}   {size[0]:.3g} x {size[1]:.3g} x {size[2]:.3g} m"
-        above: Any = {"loc": "center", "pad": 18.0} if for_slides() else {"loc": "right"}  # of the scale, or beside it
+        above: Any = {"loc": "center", "pad": 18.0} if for_slides() else {"loc": "right"}  # above or beside the scale
         axes.set_title(title, fontsize=10, **above)
         draw_scale(axes)
         _add_legend(figure, room, path is not None)
@@ -161,7 +161,7 @@ def draw_plan(room: Room, path: Trajectory | None, name: str | None = None) -> F
 
 
 def _along_walls(room: Room) -> np.ndarray:
-    """Return points of the outlines of the outer and inner walls, 0.2 m apart (n, 2)."""
+    """Return points in W on the outlines of the outer and inner walls, 0.2 m apart (n x 2) [m]."""
     low, high = np.array(room.interior.min[:2]), np.array(room.interior.max[:2])
     outlines = [turned(0.5 * (low + high), 0.0, 0.5 * (high - low) + _FRAME)]
     outlines += [turned(np.array([x, y]), yaw, np.array([a, b])) for x, y, _, yaw, a, b, _ in room.wall_boxes]
@@ -178,7 +178,7 @@ def _darker(color: str) -> str:
 
 
 def _outline(room: Room, i: int) -> np.ndarray:
-    """Return the corners in order of landmark i's outline as seen from above (n, 2)."""
+    """Return the corners, in order, of landmark i's outline from above in W (n x 2) [m]."""
     from scipy.spatial import ConvexHull
 
     points = room.landmark_outlines[i][:, :2] + room.landmark_positions[i, :2]

@@ -1,4 +1,4 @@
-"""Pictures of a recorded state: the view of the vehicle's camera, and the vehicle in its room."""
+"""Pictures of a recorded state: the picture of the vehicle's camera, and the vehicle in its room."""
 
 from collections.abc import Callable
 
@@ -38,20 +38,20 @@ cv2 = later("cv2")
 
 BEHIND = np.array(
     [-4.2, -1.0, 3.4]
-)  # the viewer from the vehicle, in W, steep enough to look over low walls behind [m]
-AHEAD = np.array([1.2, 0.0, -0.2])  # the point it looks at, from the vehicle, in W [m]
-VIEW_ANGLE = np.deg2rad(55.0)  # vertical
-PLANNED, FLOWN = (230, 160, 60), (20, 20, 230)  # blue, green, red
+)  # position of the viewer relative to the vehicle in W, steep enough to look over low walls behind [m]
+AHEAD = np.array([1.2, 0.0, -0.2])  # the point that the viewer looks at, relative to the vehicle in W [m]
+VIEW_ANGLE = np.deg2rad(55.0)  # vertical angle of view [rad]
+PLANNED, FLOWN = (230, 160, 60), (20, 20, 230)  # colours of the paths: blue, green, red
 
 CameraView = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 RoomView = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def make_camera_view(scenario: Scenario) -> CameraView:
-    """Return the function from a time and a state (12) to the camera's picture and the boxes found in it.
+    """Return the function from a time [s] and a state (12) to the camera's picture and the boxes found in the picture.
 
     A flight keeps no pictures, but the same state gives the same picture, and the same picture or seed the same boxes.
-    The picture is blue, green, red (height, width, 3), uint8; the boxes are the rows of a detections message (k, 6).
+    The picture is BGR (height x width x 3), uint8; the boxes are the rows of a detections message (k x 6).
     InputError if there is no EGL or a file of the detector is wrong.
     """
     room, width = scenario.load_room(), scenario.image_width
@@ -87,15 +87,15 @@ def class_bgr(room: Room, label: str) -> tuple[int, int, int]:
 
 
 def draw_boxes(picture: np.ndarray, boxes: np.ndarray, room: Room, scale: float) -> None:
-    """Draw boxes with class and score into a camera's picture (height, width, 3), enlarged by a scale.
+    """Draw boxes with class and score into a camera picture (height x width x 3) that was enlarged by `scale`.
 
-    The boxes are rows (label, score, u_min, v_min, u_max, v_max), in pixels of the original picture (k, 6); the room
-    has names and colours of the classes.
+    The boxes are rows label, score, u_min, v_min, u_max, v_max (k x 6), in pixels of the original picture. The room
+    gives names and colours of the classes.
     """
     for label, score, *box in boxes:
         name = room.classes[int(label)]
         color = class_bgr(room, name)
-        # A pixel's centre has integer coordinates, before and after.
+        # A pixel's centre has integer coordinates, before and after enlarging.
         low_u, low_v, high_u, high_v = np.round((np.array(box) + 0.5) * scale - 0.5).astype(int).tolist()
         cv2.rectangle(picture, (low_u, low_v), (high_u, high_v), color, 1)
         text = f"{name} {score:.2f}"
@@ -108,7 +108,7 @@ def draw_boxes(picture: np.ndarray, boxes: np.ndarray, room: Room, scale: float)
 
 
 def viewer_pose(p_WB: np.ndarray) -> RigidTransform:
-    """Return X_WV of the viewer behind and above a vehicle at p_WB (V: right, down, forward)."""
+    """Return the pose X_WV of the viewer behind and above a vehicle at p_WB [m] (V: right, down, forward)."""
     forward = (AHEAD - BEHIND) / np.linalg.norm(AHEAD - BEHIND)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -116,18 +116,18 @@ def viewer_pose(p_WB: np.ndarray) -> RigidTransform:
 
 
 def _draw_line(picture: np.ndarray, points: np.ndarray, seen: np.ndarray, color: tuple[int, int, int]) -> None:
-    """Draw the seen stretches of a line through points (n, 2) [px]."""
+    """Draw the parts of a line through points (n x 2) [px] whose two ends are seen (n)."""
     fine = np.round(np.clip(points, -4000, 4000) * 16).astype(np.int32)  # sixteenths of a pixel
     for k in np.flatnonzero(seen[:-1] & seen[1:]):
         cv2.line(picture, tuple(fine[k].tolist()), tuple(fine[k + 1].tolist()), color, 1, cv2.LINE_AA, 4)
 
 
 def make_room_view(room: Room, planned: np.ndarray, width: int, height: int, vehicle: Vehicle = M100) -> RoomView:
-    """Return the function from a state (12) and a path flown p_W (m, 3) to a picture of the vehicle in the room.
+    """Return the function from a state (12) and a flown path p_W (m x 3) [m] to a picture of the vehicle in the room.
 
-    The view is from the west, behind and above; the walls on that side are left out. The planned path p_W (n, 3) is
-    blue, the flown path red, both drawn only where no wall hides them. The picture is blue, green, red (height, width,
-    3), uint8; the vehicle has its own arms. InputError if there is no EGL.
+    The view is from the west, behind and above; the walls on that side are left out. The planned path p_W (n x 3) [m]
+    is blue, the flown path red; both are drawn only where no wall hides them. The picture is BGR (height x width x 3),
+    uint8. The vehicle is drawn with its own arms. InputError if there is no EGL.
     """
     west = room.interior.min[0]
     items = scene_items(room)

@@ -1,4 +1,4 @@
-"""A flight as a video: its frames, and the file."""
+"""A video of a flight: its frames and its file."""
 
 import io
 from collections.abc import Callable, Iterator
@@ -32,10 +32,10 @@ _PATH_STEP = 0.1  # distance between two points of a drawn path [m]
 
 
 def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
-    """Draw position errors in 3-sigma bands, arrivals below them, blackouts shaded.
+    """Draw position errors in 3-sigma bands, arrivals below them, and shaded blackouts.
 
-    It returns the picture, blue, green, red (height, width, 3); the column of every tick (n) [px]; the first and the
-    last row of the plots over time.
+    Return the BGR picture (height x width x 3), the column of every tick (n) [px], and the first and last row of the
+    plots over time [px].
     """
     time, truth, scenario = flight["time"].values, flight["truth"].values, scenario_of(flight)
     error, sigma = position_errors(flight)
@@ -49,7 +49,7 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
             axes = figure.add_subplot(grid[i])
             axes.fill_between(time, -3 * sigma[:, i], 3 * sigma[:, i], color="#56B4E9", alpha=0.35, lw=0)
             axes.plot(time, error[:, i], color="k", lw=0.7)
-            axes.set_ylabel(f"error\n{axis} [m]")  # in one line it is longer than its axes
+            axes.set_ylabel(f"error\n{axis} [m]")  # one line would be longer than the axes
             axes.tick_params(labelbottom=False)
         draw_arrivals(figure.add_subplot(grid[3]), flight)
         for axes in figure.axes:
@@ -68,14 +68,14 @@ def error_strip(flight: xr.Dataset, width: int, height: int) -> tuple[np.ndarray
 
 
 def _write(picture: np.ndarray, text: str) -> None:
-    """Write a line into the upper left corner, white on black."""
+    """Write a line of text into the upper left corner of a picture, white on black."""
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
     cv2.rectangle(picture, (0, 0), (width + 12, height + 11), (0, 0, 0), cv2.FILLED)
     cv2.putText(picture, text, (6, height + 6), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1, cv2.LINE_AA)
 
 
 def _name_paths(picture: np.ndarray) -> None:
-    """Write the names of the two paths beside lines of their colours into the lower left corner."""
+    """Write a legend of the planned and the flown path into the lower left corner of a picture."""
     low, width = picture.shape[0], 160
     cv2.rectangle(picture, (0, low - 20), (width, low), (255, 255, 255), cv2.FILLED)
     for left, name, color in ((6, "planned", PLANNED), (92, "flown", FLOWN)):
@@ -91,10 +91,10 @@ def _thinned(points: np.ndarray) -> np.ndarray:
 
 
 def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
-    """Return the function from a tick to camera and room side by side, blue, green, red (height, 2 panel, 3).
+    """Return the function from a tick to the BGR picture of camera and room side by side (height x 2 panel x 3).
 
-    Either picture is a panel wide [px]. The camera's side shows the last picture taken with the boxes found in it, also
-    if they did not arrive. InputError if there is no EGL or a file of the scenario's detector is wrong.
+    Each of the two is `panel` wide [px]. The camera's side shows the last picture taken with the boxes found in it,
+    even if they did not arrive. InputError if there is no EGL or a file of the scenario's detector is wrong.
     """
     scenario = scenario_of(flight)
     room = scenario.load_room()
@@ -129,7 +129,7 @@ def make_views(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
 
 
 def make_frames(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
-    """Return the function from a tick to a whole frame of the video, (height, 2 panel, 3); see make_views."""
+    """Return the function from a tick to a whole BGR frame of the video (height x 2 panel x 3); see make_views."""
     views = make_views(flight, panel)
     strip, columns, (top, bottom) = error_strip(flight, 2 * panel, STRIP_HEIGHT)
 
@@ -142,18 +142,18 @@ def make_frames(flight: xr.Dataset, panel: int) -> Callable[[int], np.ndarray]:
 
 
 SUFFIXES = (".gif", ".mp4")
-SPEED = 3.0  # times real time: a flight of a minute takes 20 s to watch
-RATE = {".mp4": 10.0, ".gif": 2.5}  # frames a second of flight [Hz]
-PANEL = {".mp4": 640, ".gif": 320}  # width of camera and room [px]
-COLORS = 24  # of a gif, besides those of the classes; more would show the bricks' grain, at most of the file's size
-SAMPLES = 12  # frames from which the colours are chosen
+SPEED = 3.0  # playing speed over real time: a flight of a minute takes 20 s to watch
+RATE = {".mp4": 10.0, ".gif": 2.5}  # frames per second of flight [Hz]
+PANEL = {".mp4": 640, ".gif": 320}  # width of the camera's and of the room's picture [px]
+COLORS = 24  # colours of a gif besides the class colours; more would show the bricks' grain, and take most of the file
+SAMPLES = 12  # number of frames from which the colours are chosen
 
 Progress = Callable[[int, int], None]
 Draw = Callable[[int], np.ndarray]
 
 
 def check_video(path: Path) -> None:
-    """Check that a video of that name can be drawn; InputError says what is allowed, or what to install."""
+    """Check that a video can be written to this file; InputError names the allowed suffixes, or what to install."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: unknown kind of video '{path.suffix}', give one of {', '.join(SUFFIXES)}")
     if path.suffix.lower() == ".mp4":
@@ -162,14 +162,14 @@ def check_video(path: Path) -> None:
 
 
 def frame_ticks(flight: xr.Dataset, rate: float) -> np.ndarray:
-    """Return the ticks to draw, at about that rate [Hz]; a lost flight may end without a state."""
+    """Return the ticks to draw at about `rate` [Hz], without ticks whose state is not finite (a lost flight's end)."""
     stride = max(1, round(scenario_of(flight).control_rate / rate))
     there = np.isfinite(flight["truth"].values).all(axis=1)
     return np.flatnonzero(there)[::stride]
 
 
 def _write_mp4(file: io.BytesIO, draw: Draw, ticks: np.ndarray, fps: float, step: Progress) -> None:
-    """Write H.264, which every browser plays."""
+    """Write H.264 video, which every browser plays."""
     import av
 
     first = draw(int(ticks[0]))
@@ -191,7 +191,7 @@ def _image(frame: np.ndarray) -> Image.Image:
 
 
 def _palette(frames: list[np.ndarray], fixed: list[tuple[int, int, int]]) -> Image.Image:
-    """Return an image with a palette of the commonest colours of some frames, and fixed colours, all as BGR."""
+    """Return an image whose palette has the commonest colours of some BGR frames, and the fixed BGR colours."""
     common = _image(np.vstack(frames)).quantize(COLORS, Image.Quantize.MEDIANCUT).getpalette() or []
     palette = Image.new("P", (1, 1))
     palette.putpalette(common[: 3 * COLORS] + [part for color in fixed for part in reversed(color)])
@@ -213,12 +213,12 @@ def _write_gif(file: io.BytesIO, draw: Draw, ticks: np.ndarray, fps: float, room
 
 
 def flight_video(flight: xr.Dataset, path: Path, progress: Progress | None = None, speed: float = SPEED) -> Path:
-    """Draw a flight as a video: camera with boxes, vehicle in its room, errors and arrivals.
+    """Draw a flight as a video: camera with boxes, vehicle in its room, errors and arrivals; return the path.
 
-    The pictures are drawn again from the recorded states. An .mp4 has 10 frames a second of flight, a small .gif 2.5;
-    it plays so many times faster than the flight, its speed. The progress is told as frames drawn and to draw.
-    InputError if the suffix is another, the file cannot be written, there is no EGL, or a file of the scenario's
-    detector is wrong.
+    The pictures are drawn again from the recorded states. An .mp4 has 10 frames per second of flight, a small .gif 2.5.
+    The video plays `speed` times as fast as the flight. `progress` is called with the number of frames drawn and the
+    number of all frames. InputError if the suffix is another, the file cannot be written, there is no EGL, or a file of
+    the scenario's detector is wrong.
     """
     check_video(path)
     kind = path.suffix.lower()

@@ -1,6 +1,6 @@
-"""The wiring of a scenario as a picture (SVG) in three depths: the paper's blocks, boxes, boxes with their elements.
+"""The wiring of a scenario as an SVG picture in three depths: the paper's blocks, boxes, boxes with their elements.
 
-Also the closed loop as Drake draws it. Graphviz draws all but the first.
+The module also has Drake's picture of the closed loop. Graphviz draws everything except depth 1.
 """
 
 import shutil
@@ -18,7 +18,7 @@ from ortilo_drake.views.blocks import WORLD, arrows_of, blocks_of
 from ortilo_drake.views.palette import BLUE, ORANGE
 from ortilo_drake.views.wiring_text import kind_of, parts_of, row
 
-OPEN = 4  # how far Drake opens nested diagrams: to every system
+OPEN = 4  # depth to which Drake draws nested diagrams: every system
 HEAD = """digraph {
 rankdir=TB; nodesep=0.15; ranksep=0.35; fontname="Helvetica"; fontsize=11; style="rounded,filled"; color="transparent";
 node [shape=box, fontname="Helvetica", fontsize=11, height=0.3, style=filled, fillcolor=white];
@@ -27,12 +27,12 @@ edge [fontname="Times-Italic", fontsize=10, arrowsize=0.6];
 
 
 def wiring_picture(wiring: Wiring, depth: int) -> str:
-    """Return a wiring as SVG, as wiring_text; InputError if Graphviz, which draws depths 2 and 3, is not installed."""
+    """Return a wiring as SVG, in the depths of wiring_text; depths 2 and 3 raise InputError without Graphviz."""
     return block_picture(wiring) if depth == 1 else svg_of("\n".join(graph_of(wiring, depth)))
 
 
 def graph_of(wiring: Wiring, depth: int) -> Iterator[str]:
-    """Yield the lines of a wiring as Graphviz reads it: boxes within their blocks, and who reads which."""
+    """Yield the lines of a wiring's graph in Graphviz's dot language: boxes in their blocks, and arrows."""
     yield HEAD
     for block in blocks_of(wiring).values():
         color = f"{ORANGE if block.column in WORLD else BLUE}1a"
@@ -50,7 +50,7 @@ def graph_of(wiring: Wiring, depth: int) -> Iterator[str]:
 
 
 def label_of(wiring: Wiring, box: Box, depth: int) -> str:
-    """Return the label of a box as Graphviz's HTML."""
+    """Return the label of a box in Graphviz's HTML."""
     lines = [f"<b>{escape(box.name)}</b> ({box.size})"]
     if depth == 3:
         lines.append(escape(kind_of(box)))
@@ -66,7 +66,7 @@ def drake_svg(scenario: Scenario) -> str:
 
 
 def svg_of(graph: str) -> str:
-    """Return Graphviz's SVG of a graph in the dot language; InputError if it is not installed."""
+    """Return Graphviz's SVG of a graph in the dot language; InputError if Graphviz is not installed."""
     if shutil.which("dot") is None:
         raise InputError("diagram: needs Graphviz's 'dot'; on Debian or Ubuntu: apt-get install graphviz")
     done = subprocess.run(["dot", "-Tsvg"], input=graph, capture_output=True, text=True, check=True)

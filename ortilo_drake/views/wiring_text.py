@@ -16,20 +16,20 @@ from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.views.blocks import WORLD, blocks_of, signals_between
 
-SHORT = 6  # numbers of an array whose values are printed
+SHORT = 6  # largest array whose values are printed
 PACKAGE = Path(__file__).parents[1]
 
 
 def wiring_text(wiring: Wiring, depth: int) -> str:
     """Return a scenario's wiring as text.
 
-    Depth 1 has the paper's blocks, 2 every box in the order of a tick, 3 every box's element.
+    Depth 1 has the paper's blocks, depth 2 every box in the order of a tick, depth 3 the element of every box.
     """
     return "\n".join({1: blocks_text, 2: tick_text, 3: elements_text}[depth](wiring)) + "\n"
 
 
 def blocks_text(wiring: Wiring) -> Iterator[str]:
-    """Yield the paper's blocks: the boxes of each, and the signals it reads from others."""
+    """Yield the paper's blocks: the boxes of each block, and the signals that it reads from other blocks."""
     blocks, half, widths = blocks_of(wiring), "", (20, 34, 46)
     signals = signals_between(wiring, blocks)
     for block in blocks.values():
@@ -72,7 +72,7 @@ def elements_text(wiring: Wiring) -> Iterator[str]:
 
 
 def parts_of(wiring: Wiring, box: Box) -> Iterator[tuple[str, str]]:
-    """Yield the description of a box's element: pairs of a heading and lines."""
+    """Yield the description of a box's element: pairs of a heading and a text."""
     element, given = box.element, box.given
     for what, function in element.functions.items():
         yield what, function_text(function)
@@ -106,7 +106,7 @@ def description_of(wiring: Wiring, box: Box) -> str:
 
 
 def reads_of(wiring: Wiring, box: Box, what: str) -> str:
-    """Return the inputs of one function of a box: each with the box, or part of one, that it reads, and its size."""
+    """Return the inputs of one function of a box as text, each with its source and size."""
     ports = box.element.inputs_of(box.element.functions[what])
     return ", ".join(f"{port} = {source_text(wiring, box, port)}" for port in ports)
 
@@ -122,7 +122,7 @@ def source_text(wiring: Wiring, box: Box, port: str) -> str:
 
 
 def value_text(name: str, value: Any) -> str:
-    """Return a name with its value where that is short, else with its shape."""
+    """Return a name with its value if the value is short, else with its shape."""
     values = np.asarray(value)
     if values.size > SHORT or values.ndim > 1 or values.size == 0:
         return f"{name} {values.shape}{'' if values.any() or not values.size else ' zeros'}"
@@ -132,14 +132,14 @@ def value_text(name: str, value: Any) -> str:
 
 
 def function_text(function: Callable[..., None]) -> str:
-    """Return the name of an element's function and the file in which it stands, of the package from its name on."""
+    """Return the name of an element's function and its file; a file of the package is relative to the package's."""
     written = inspect.unwrap(written_by_hand(function))
     file = Path(written.__code__.co_filename)
     return f"{written.__name__} in {file.relative_to(PACKAGE.parent) if file.is_relative_to(PACKAGE.parent) else file}"
 
 
 def written_by_hand(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function, or the registered part's own one where the package's function only wraps it."""
+    """Return a function, or the function of a registered part if a function of the package only wraps it."""
     if "<locals>" not in function.__qualname__ or not function.__module__.startswith(f"{PACKAGE.name}."):
         return function
     enclosed = inspect.getclosurevars(function).nonlocals.values()
@@ -147,7 +147,7 @@ def written_by_hand(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def row(cells: tuple[str, ...], widths: tuple[int, ...]) -> Iterator[str]:
-    """Yield the lines of a row of a table: each cell but the first is broken within its width."""
+    """Yield the lines of a row of a table; each cell except the first is wrapped to the width of its column."""
     wide = [width - 2 for width in widths[:-1]] + [widths[-1]]
     broken = [cells[:1], *(textwrap.wrap(cell, width) for cell, width in zip(cells[1:], wide[1:], strict=True))]
     for parts in zip_longest(*broken, fillvalue=""):

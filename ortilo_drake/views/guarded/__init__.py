@@ -1,1 +1,1 @@
-"""A page of Drake's Meshcat that only its own user can open and use."""
+"""A page of Drake's Meshcat that only the user who started it can open and use."""

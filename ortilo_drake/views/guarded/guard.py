@@ -1,7 +1,7 @@
 """A small server in front of Drake's Meshcat, because Meshcat itself obeys anyone who reaches its port.
 
-Any web page that is open in a browser of this machine can reach a port of this machine. Meshcat checks neither where a
-message comes from nor what it says. It therefore listens where no web page finds it, and the user's browser talks to
+Any web page that is open in a browser of this machine can reach a port of this machine. Meshcat checks neither the
+sender nor the content of a message. So Meshcat listens where no web page finds it, and the user's browser talks to
 this server instead.
 """
 
@@ -28,9 +28,9 @@ from ortilo_drake.world.scenery.meshcat_room import make_meshcat
 
 HOST: Final = "127.0.0.1"
 MOST_PAGES: Final = 8
-MOST_WAITING: Final = 32_000_000  # of one page [bytes]; a scene begins with 3 MB
-PATIENCE: Final = 10.0  # with a client that is silent [s]
-MOST_LINES: Final = 20  # about what was refused; who is refused tries again and again
+MOST_WAITING: Final = 32_000_000  # most unread data of one page [bytes]; a scene begins with 3 MB
+PATIENCE: Final = 10.0  # longest silence of a client [s]
+MOST_LINES: Final = 20  # most lines about refusals; a refused client tries again and again
 
 
 def hidden_meshcat() -> Meshcat:
@@ -50,12 +50,12 @@ class _Upgrades(Matcher):
 
 
 class Guard:
-    """Serves a Meshcat's page at an address with a random token, in a thread, while the context lasts.
+    """A server, in a thread, of a Meshcat's page at an address with a random token, while the context lasts.
 
-    The Meshcat is as hidden_meshcat returns, the panel has the page's sliders and buttons; without a port it takes a
-    free one. `readings` returns the JSON that the page shows beside the view, None for the view alone; `refused` takes
-    a line for what is refused, each line once: both are called in the server's thread. At most so many pages may be
-    open, and so many bytes wait for a page that does not read. InputError if the port is taken.
+    `meshcat` comes from hidden_meshcat; `panel` has the page's sliders and buttons; port None takes a free port.
+    `readings` returns the JSON that the page shows beside the view, None shows only the view. `refused` is called with
+    a line for each new refusal. Both are called in the server's thread. `most_pages` limits the open pages, and
+    `most_waiting` the bytes that wait for a page that does not read. InputError if the port is taken.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Guard:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended by itself
+        with contextlib.suppress(RuntimeError):  # the loop may already have ended
             self._loop.call_soon_threadsafe(self._ends.set)
         self._thread.join(1.0)
 
@@ -105,7 +105,7 @@ class Guard:
         application = Application(
             [Rule(_Upgrades(), PageSocket, answers), (r".*", PageFile, answers)],
             websocket_max_message_size=LARGEST,
-            log_function=lambda handler: None,  # _refused says it
+            log_function=lambda handler: None,  # _refused reports instead
         )
         server = HTTPServer(
             application,

@@ -17,12 +17,12 @@ from tornado.websocket import WebSocketClientConnection, WebSocketClosedError, W
 
 from ortilo_drake.views.guarded.panel import BadMessage, Panel
 
-FILES: Final = re.compile(r"|favicon\.ico|cas-v1/[0-9a-f]{64}")  # of Drake's Meshcat; its page's script is the last
-MOST_DRAWN: Final = 2**28  # one message of Drake's, such as a mesh [bytes]
-PER_MESSAGE: Final = 1000  # what a message that waits takes beside its bytes [bytes]
+FILES: Final = re.compile(r"|favicon\.ico|cas-v1/[0-9a-f]{64}")  # Drake's page, its icon, the files of its scene
+MOST_DRAWN: Final = 2**28  # largest message from Drake, such as a mesh [bytes]
+PER_MESSAGE: Final = 1000  # memory of a waiting message in addition to its content [bytes]
 ICON: Final = b'<link rel="icon" href="favicon.ico">'
 VIEWPORT: Final = b'<meta name="viewport" content="width=device-width">'
-READINGS: Final = "readings"  # of the flight, as JSON
+READINGS: Final = "readings"  # name of the flight's readings, as JSON
 HEADERS: Final = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "frame-ancestors 'none'",
@@ -40,27 +40,27 @@ class Rules:
     drawn_at: str
     """host:port where Drake's Meshcat listens."""
     hosts: tuple[str, ...]
-    """host:port of every address by which a user may call the page."""
+    """host:port of every address at which a user may open the page."""
     token: str
-    """first part of the path."""
+    """first part of the page's path."""
     panel: Panel
-    """what the page's messages are about."""
+    """the page's sliders and buttons."""
     readings: Callable[[], bytes] | None
-    """returns the JSON that the page shows as text, lamps and plots beside the view; None: the view alone."""
+    """returns the JSON that the page shows as text, lamps and plots beside the view; None shows only the view."""
     refused: Callable[[str], None]
-    """called with a line for what was not let through."""
+    """called with a line for each refusal."""
     most_pages: int
-    """open at a time."""
+    """largest number of open pages."""
     most_waiting: int
-    """of a page that does not read [bytes]."""
+    """largest amount of data that waits for a page that does not read [bytes]."""
     pages: set["PageSocket"] = field(default_factory=set)
-    """those that are open."""
+    """the open pages."""
 
     def refusal(self, request: HTTPServerRequest) -> str | None:
-        """Return the reason why a request is refused; None if it is not.
+        """Return the reason why a request is refused; None if it is allowed.
 
-        A page of elsewhere gives its own Origin; one whose name was bound anew to this machine (DNS rebinding) its own
-        Host; and neither knows the token.
+        A foreign page sends its own Origin. A page whose name was bound to this machine later (DNS rebinding) sends its
+        own Host. Neither knows the token.
         """
         if request.host not in self.hosts:
             return f"Host {request.host!r}: not {self.hosts[0]!r}"
@@ -74,9 +74,9 @@ class Rules:
 
 
 def what_is_drawn(message: bytes) -> object:
-    """Return a key of the thing that a Meshcat message sets; a later message with the same key replaces it.
+    """Return a key of the thing that a Meshcat message sets; a later message with the same key replaces the message.
 
-    Something that no other message equals, for messages that add and do not set.
+    A message that adds instead of setting gets a key that equals no other.
     """
     try:
         told = msgpack.unpackb(message, strict_map_key=False)
@@ -90,9 +90,9 @@ def what_is_drawn(message: bytes) -> object:
 
 
 def with_ours(page: bytes, reads: bool) -> bytes:
-    """Return Drake's page with the icon's address, and with the readings beside its view if it `reads` them.
+    """Return Drake's page with the icon's address, and, if `reads` is true, with the readings beside the view.
 
-    Unless it is told where, a browser asks for the icon at the root, without the token.
+    Without this address, a browser asks for the icon at the root, without the token.
     """
     head, body = ICON, b""
     if reads:
@@ -118,15 +118,15 @@ class _Guarded(RequestHandler):
             self.finish("refused\n")
 
     def file(self) -> str:
-        """Return the name of the requested file of Drake's."""
+        """Return the name of the requested file of Drake's page."""
         return self.request.path.removeprefix(f"/{self.rules.token}/")
 
 
 class PageFile(_Guarded):
-    """Drake's page, its icon, its scene's files, and the flight's readings."""
+    """The handler of Drake's page, its icon, its scene's files, and the flight's readings."""
 
     async def get(self) -> None:
-        """Answer with the file; 404 for what is none."""
+        """Answer with the requested file; 404 if there is no such file."""
         name = self.file()
         if name == READINGS and self.rules.readings is not None:
             self.set_header("Content-Type", "application/json")
@@ -172,9 +172,9 @@ class PageSocket(_Guarded, WebSocketHandler):
             self.close(1001)
 
     def bring(self, message: bytes) -> None:
-        """Send a message to the page, as soon as it reads; one that leaves too much unread is closed.
+        """Queue a message for the page; close the page if too much waits for it.
 
-        A page that draws slower than the flight gets only the latest state of each object.
+        A page that draws more slowly than the flight gets only the latest state of each object.
         """
         drawn = what_is_drawn(message)
         self._waits += len(message) + PER_MESSAGE
@@ -187,8 +187,8 @@ class PageSocket(_Guarded, WebSocketHandler):
         self._sends.set()
 
     async def _send(self) -> None:
-        """Send what is left, oldest first; each once the page has taken the one before."""
-        with contextlib.suppress(WebSocketClosedError):  # the page has gone; on_close says so
+        """Send the waiting messages, oldest first, each after the page has taken the last one."""
+        with contextlib.suppress(WebSocketClosedError):  # the page has gone; on_close handles this
             while self in self.rules.pages:
                 while self._left:
                     message = self._left.pop(next(iter(self._left)))
@@ -198,7 +198,7 @@ class PageSocket(_Guarded, WebSocketHandler):
                 await self._sends.wait()
 
     def on_message(self, message: str | bytes) -> None:
-        """Take the panel's values, and show them on the other pages; a page that sends anything else is closed."""
+        """Take a panel value and show it on the other pages; close a page that sends anything else."""
         if self not in self.rules.pages:
             return
         try:
@@ -216,11 +216,11 @@ class PageSocket(_Guarded, WebSocketHandler):
         """Stop forwarding Drake's drawing commands."""
         if self in self.rules.pages:
             self.rules.pages.remove(self)
-            self._sends.set()  # that it ends
+            self._sends.set()  # so that _send ends
         self._let_go()
 
     def _let_go(self) -> None:
-        """Close the socket to Drake at once: an answer to the closing would come after the server's loop has ended."""
+        """Close the socket to Drake at once; an orderly close could outlast the server's loop."""
         if self._drawn is not None and self._drawn.protocol is not None:
             stream = self._drawn.protocol.stream
             self._drawn.close()
@@ -228,7 +228,7 @@ class PageSocket(_Guarded, WebSocketHandler):
                 stream.close()
 
     def drop(self) -> None:
-        """Close at once, whatever is still to be sent."""
+        """Close the page at once, even if messages wait."""
         self.on_close()
         stream = None if self.ws_connection is None else self.ws_connection.stream
         if stream is not None:

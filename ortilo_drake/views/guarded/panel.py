@@ -1,7 +1,7 @@
 """The sliders and buttons of a page, and the decoding of a page's messages about them.
 
-Messages come from whoever reached the page's socket. They are decoded here, within narrow limits, and never reach
-Drake, whose own decoder ends the process at the first one that is malformed.
+Anyone who reaches the page's socket can send messages. They are decoded here, within narrow limits, and never reach
+Drake, whose own decoder ends the process at the first malformed message.
 """
 
 import math
@@ -9,23 +9,23 @@ from typing import Any, Final
 
 import msgpack
 
-LARGEST: Final = 4096  # of a message [bytes]; a slider's has about 60, a gamepad's some hundred
-IGNORED: Final = ("camera_pose", "gamepad")  # what Drake's page may send by itself; nothing here needs it
+LARGEST: Final = 4096  # largest message [bytes]; a slider's has about 60, a gamepad's some hundred
+IGNORED: Final = ("camera_pose", "gamepad")  # types that Drake's page sends by itself and that are not needed
 
 
 class BadMessage(ValueError):
-    """A message that none of our pages sends: one line that says why."""
+    """The error of a message that none of our pages sends; its text is one line with the reason."""
 
 
 class Panel:
-    """The values that the user of a page has set, and the buttons clicked.
+    """The slider values that users of a page have set, and the clicks on its buttons.
 
-    One thread takes messages and another reads: of each slider only the last value is kept and of each button the
-    number of clicks, so that any number of messages between two looks costs the reader nothing.
+    One thread takes messages and another reads. Only the last value of each slider and the number of clicks on each
+    button are kept, so many messages between two reads cost the reader nothing.
     """
 
     def __init__(self) -> None:
-        self._ranges: dict[str, tuple[float, float]] = {}  # of the sliders
+        self._ranges: dict[str, tuple[float, float]] = {}  # ranges of the sliders
         self._values: dict[str, float] = {}
         self._clicks: dict[str, int] = {}
 
@@ -46,11 +46,11 @@ class Panel:
         return self._clicks[name]
 
     def receive(self, message: bytes | str) -> str | None:
-        """Take a page's message; return the name of the slider that moved, if one did.
+        """Take a page's message; return the name of the slider that moved, None if no slider did.
 
-        It is msgpack: {type: button, name} or {type: slider, name, value}; of IGNORED types nothing is taken. A value
-        outside of its slider's range becomes the range's nearer end. BadMessage if it is anything else, names no slider
-        or button of this page, or its value is no finite number.
+        A message is msgpack: {type: button, name} or {type: slider, name, value}; messages of IGNORED types are
+        dropped. A value outside the slider's range becomes the nearer end of the range. BadMessage if the message is
+        anything else, names no slider or button of this page, or has a value that is no finite number.
         """
         said = _decoded(message)
         kind, name = said.get("type"), said.get("name")

@@ -11,14 +11,14 @@ DEPTHS = {"the paper's blocks": 1, "every box": 2, "every element": 3}
 
 
 def _inline(svg: str) -> str:
-    """Return an SVG file's element, without what a page must not have before it."""
+    """Return the svg element of an SVG file, without the header that a page must not contain."""
     found = re.search(r"<svg.*</svg>", svg, re.DOTALL)
     assert found is not None
     return found.group()
 
 
 def diagram_page(scenario: str, wiring: Wiring) -> str:
-    """Return a page with the wiring of a scenario of that name; InputError if Graphviz is not installed."""
+    """Return a page with a scenario's wiring under the scenario's name; InputError if Graphviz is not installed."""
     name = escape(scenario)
     buttons = "".join(f'<button type="button" data-depth="{depth}">{title}</button>' for title, depth in DEPTHS.items())
     parts = "".join(f'<div class="depth">{_inline(wiring_picture(wiring, depth))}</div>' for depth in DEPTHS.values())

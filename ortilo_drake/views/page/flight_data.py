@@ -12,19 +12,19 @@ from ortilo_drake.scenario import PositionBlackout, Scenario
 from ortilo_drake.views.figures import COLOR, OTHER, position_errors
 from ortilo_drake.world.scenery.meshcat_zones import Zone
 
-MOST_TICKS = 6000  # of a page; a longer flight is thinned, its arrivals are not
-LAMP_SECONDS = 0.2  # how long a lamp stays lit after a fix
+MOST_TICKS = 6000  # most ticks on a page; a longer flight is thinned, but its arrivals are not
+LAMP_SECONDS = 0.2  # time for which a lamp stays lit after a fix [s]
 
 
 def finite_part(flight: xr.Dataset) -> xr.Dataset:
-    """Return a flight without the ticks, at the end of one that diverged, whose state or estimate is not finite."""
+    """Return a flight without the ticks whose state or estimate is not finite, as at the end of a diverged flight."""
     names = ("truth", "estimate")
     whole = np.all([np.isfinite(flight[name].values).all(axis=1) for name in names], axis=0)
     return flight.isel(tick=whole)
 
 
 def shown_sensors(flight: xr.Dataset) -> list[str]:
-    """Return the sensors that are ever due, but the imu."""
+    """Return the sensors, except the imu, that are due at least once."""
     return [str(s) for s in flight["sensor"].values if s != "imu" and flight["due"].sel(sensor=s).any()]
 
 
@@ -34,7 +34,7 @@ def sensor_color(sensor: str) -> str:
 
 
 def intervals(time: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
-    """Return from when to when a mask over ticks holds; it ends at the first tick where it does not."""
+    """Return the intervals [s] in which a mask over ticks is true; each ends at the first tick where it is false."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     last = len(time) - 1
     return [(float(time[a]), float(time[min(b, last)])) for a, b in edges.reshape(-1, 2)]

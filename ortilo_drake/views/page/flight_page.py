@@ -1,4 +1,4 @@
-"""The page of a flight: a 3D replay with lamps, errors, arrivals and camera pictures, without a network."""
+"""The page of a flight: a 3D replay with lamps, errors, arrivals and camera pictures, usable without a network."""
 
 import base64
 import json
@@ -26,17 +26,17 @@ from ortilo_drake.world.scenery.meshcat_replay import html_replay
 
 cv2 = later("cv2")
 
-RATE = 2.0  # [Hz]
-WIDTH = 320  # [px]
-QUALITY = 60  # of the JPEG
-LARGEST = 4_000_000  # characters of all pictures; those that would go beyond are left out evenly
+RATE = 2.0  # rate of the pictures [Hz]
+WIDTH = 320  # width of the pictures [px]
+QUALITY = 60  # JPEG quality of the pictures
+LARGEST = 4_000_000  # most characters of all pictures; of more, only every second, third, ... picture is kept
 
 
 def onboard_pictures(flight: xr.Dataset) -> dict[str, Any]:
     """Return the pictures of a flight with a rendered camera, at 2 Hz, with the boxes found in them.
 
-    A flight keeps no pictures: they are drawn again from its true states, which gives the same ones. There are time [s]
-    and jpeg (base64) of as many pictures; both empty, with the reason in `none`, where there are none.
+    A flight keeps no pictures: they are drawn again from its true states, which gives the same pictures. `time` [s] and
+    `jpeg` (base64) have an entry for each picture. Without pictures both are empty and `none` has the reason.
     """
     scenario = scenario_of(flight)
     if not scenario.is_rendered:
@@ -66,7 +66,7 @@ CONTROLS = """<div class="bar">
 <select id="speed" aria-label="speed"><option value="0.25">¼×</option><option value="0.5">½×</option>
 <option value="1" selected>1×</option><option value="2">2×</option><option value="5">5×</option></select>
 </div>"""
-# Meshcat's own controls would play another time than the page's; its legend stands above the room, left of
+# Meshcat's own controls would play another time than the page's controls. Meshcat's legend is above the room, left of
 # the page's buttons, and would cover a small window.
 IN_SCENE = """<style>.dg { display: none !important } #legend { font-size: 11px; padding: 4px 8px; right: 205px }
 @media (max-width: 600px), (max-height: 300px) { #legend { display: none } }</style></body>"""
@@ -91,7 +91,7 @@ def flight_page(flight: xr.Dataset) -> str:
     ).replace("</body>", IN_SCENE)
     pictures = onboard_pictures(flown)
     corners = [list(room.interior.min), list(room.interior.max)]
-    # The time of a flight of many was not measured; the page does not show it.
+    # Flights of an ensemble have no measured real-time factor; the page does not show it.
     found = summary(flight.assign_attrs(real_time_factor=flight.attrs.get("real_time_factor", float("nan"))))
     lamps = "".join(
         f'<span class="lamp" id="lamp-{i}" data-sensor="{escape(s["name"])}"><i></i>{escape(s["name"])} <b></b></span>'
@@ -129,7 +129,7 @@ def _ending(flight: xr.Dataset, found: Summary) -> str:
 
 
 def _figures(found: Summary) -> Rows:
-    """Return the flight's figures as `ortilo fly` prints them."""
+    """Return the rows of the flight's figures, as `ortilo fly` prints them."""
     rows = [(f"mean squared error {axis}", f"{found.mse[axis]:.5f} m²") for axis in AXES]
     rows += [
         ("farthest from the path", f"{found.max_path_distance:.3f} m"),
@@ -160,10 +160,10 @@ def _origin(flight: xr.Dataset, scenario: Scenario, no_pictures: str | None) -> 
 
 
 def repeat_command(scenario: Scenario) -> str | None:
-    """Return the `ortilo fly` command that flies a scenario again, its seed included.
+    """Return the `ortilo fly` command that repeats a scenario with its seed; None if no such command is known.
 
-    The differences from the ready-made scenario of that name stand in --set. The command is checked: it loads this very
-    scenario, or none is returned, as for a file of the user's, whose place a flight does not know.
+    The differences from the ready-made scenario of the same name are in --set. The command is checked to load this very
+    scenario. For a user's file the answer is None, because a flight does not know where the file is.
     """
     try:
         base = load_scenario(scenario.name).model_dump(mode="json")
@@ -180,7 +180,7 @@ def repeat_command(scenario: Scenario) -> str | None:
 
 
 def _differences(base: dict[str, Any], wanted: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
-    """Return the keys, dotted, and the values of what is not in base."""
+    """Return the dotted keys and the values of the settings in `wanted` that differ from `base`."""
     found: list[tuple[str, Any]] = []
     for name, value in wanted.items():
         before = base.get(name)

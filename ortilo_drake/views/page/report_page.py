@@ -1,4 +1,4 @@
-"""The page of a command's results: its folder with a Markdown report and figures, or its JSON file, by its keys."""
+"""The page of a command's results: a folder with a Markdown report and figures, or a JSON file, known by its keys."""
 
 import base64
 import fnmatch
@@ -24,23 +24,23 @@ class Kind(NamedTuple):
     command: str
     """the command, up to its scenario or preset."""
     keys: frozenset[str]
-    """of its JSON file, or of each row where that is a list, by which it is known."""
+    """keys that identify the command's JSON file, or each row if the file is a list."""
     subject: str | None = None
-    """the key of its scenario or preset in there, dotted; None if it is not in there."""
+    """the dotted key of the scenario or preset in the JSON file; None if the file does not name it."""
     heading: str | None = None
-    """of its .md file, a pattern whose group is the scenario or preset; None if it writes none."""
+    """pattern of the heading of the .md file, whose group is the scenario or preset; None without an .md file."""
     figures: str = ""
-    """the stem of its figures in its folder, PNG or SVG, as a pattern; {} stands for the scenario or preset."""
+    """pattern of the stems of the figures (PNG or SVG) in the folder; {} stands for the scenario or preset."""
     takes_subject: bool = True
-    """whether the scenario or preset is the command's argument; a sweep's file, say, is not named."""
+    """whether the scenario or preset is the command's argument; for a sweep, for example, the argument is a file."""
 
     @property
     def name(self) -> str:
-        """The command without the option that its subject belongs to."""
+        """The command without the option that takes the scenario or preset."""
         return self.command.split(" --")[0]
 
 
-SHOWN: Final = {".png": "image/png", ".svg": "image/svg+xml"}  # pictures that a page can hold; a PDF it cannot
+SHOWN: Final = {".png": "image/png", ".svg": "image/svg+xml"}  # pictures that a page can hold, unlike PDF
 _RARE = (
     r"# (.+?)(?:: (?:about|fewer than) one flight in "
     r"| (?:loses its vehicle|strays \S+ m or more from its (?:reference|path))"
@@ -109,19 +109,19 @@ ALLOWED: Final = f"must be a flight's .nc, or the --out folder or --json file of
 
 
 def kind_of(data: Any) -> Kind | None:
-    """Return the kind of a JSON file's data by the command that wrote it; None if none did."""
+    """Return the kind of a JSON file's data; None if no command of KINDS wrote them."""
     if isinstance(data, list):
         data = data[0] if data and all(isinstance(row, dict) and row.keys() == data[0].keys() for row in data) else None
     return next((kind for kind in KINDS if isinstance(data, dict) and kind.keys <= data.keys()), None)
 
 
 def command_of(kind: Kind, subject: str) -> str:
-    """Return the command as it is typed, as far as it is known."""
+    """Return the command line that wrote a file, as far as it is known."""
     return f"{kind.command} {shlex.quote(subject)}" if subject and kind.takes_subject else kind.command
 
 
 def figures_of(kind: Kind, subject: str, folder: Path) -> list[Path]:
-    """Return the figures of a report in its folder; none of another folder, whatever the subject is called."""
+    """Return the figures of a report in its folder; a subject's name cannot lead to another folder."""
     pattern = kind.figures.format(glob.escape(subject))
     return [
         file for file in sorted(folder.iterdir()) if file.suffix in SHOWN and fnmatch.fnmatchcase(file.stem, pattern)
@@ -129,36 +129,36 @@ def figures_of(kind: Kind, subject: str, folder: Path) -> list[Path]:
 
 
 def subject_of(kind: Kind, data: Any) -> str:
-    """Return the scenario or preset of a JSON file's data; empty if it is not in there."""
+    """Return the scenario or preset in a JSON file's data; empty if there is none."""
     for key in kind.subject.split(".") if kind.subject else ():
         data = data.get(key) if isinstance(data, dict) else None
     return data if isinstance(data, str) else ""
 
 
 def kinds_of_report(text: str) -> list[tuple[Kind, str]]:
-    """Return the kind of a Markdown report, by its command, and its scenario or preset; empty if none wrote it."""
+    """Return the kinds that match a Markdown report, each with its scenario or preset; empty if none matches."""
     found = [(kind, re.match(kind.heading, text)) for kind in KINDS if kind.heading]
     return [(kind, match[1]) for kind, match in found if match]
 
 
-LARGEST_JSON = 16 * MIB  # of short lists and objects a parser makes thirty times as much
+LARGEST_JSON = 16 * MIB  # short lists and objects take thirty times as much memory when parsed
 LARGEST_FIGURE = 16 * MIB
-LARGEST_FOLDER = 64 * MIB  # of its figures and the HTML of its reports
+LARGEST_FOLDER = 64 * MIB  # limit of a folder's figures and the HTML of its reports together
 _PNG = b"\x89PNG\r\n\x1a\n"
-# HTML in a report is shown as text, and nothing leads out of the page.
+# HTML in a report is shown as text, and no link leads out of the page.
 _MARKDOWN: Final = MarkdownIt("commonmark", {"html": False}).enable("table")
 _MARKDOWN.disable(["link", "image", "autolink", "reference"])
 
 
 def markdown_html(text: str) -> str:
-    """Return HTML of a Markdown text; HTML in it is shown as text."""
+    """Return a Markdown text as HTML; HTML inside the text is shown as text."""
     return str(_MARKDOWN.render(text))
 
 
 def report_page(path: Path) -> str:
     """Return one self-contained page of a folder or a JSON file.
 
-    InputError names the file, if none of those commands wrote it or it cannot be read.
+    InputError, naming the file, if no command of KINDS wrote it or it cannot be read.
     """
     return _of_folder(path) if os.path.isdir(path) else _of_json(path)
 
@@ -168,7 +168,7 @@ def _of_json(path: Path) -> str:
     try:
         data = json.loads(content)
         body = data_html(data if isinstance(data, dict) else {"rows": data})
-    except (ValueError, RecursionError):  # of lists in lists in lists
+    except (ValueError, RecursionError):  # RecursionError: too deeply nested lists
         raise InputError(f"{path}: is no JSON: {ALLOWED}") from None
     kind = kind_of(data)
     if kind is None:
@@ -203,7 +203,7 @@ def _of_folder(path: Path) -> str:
 
 
 def _check_inside(folder: Path, file: Path) -> None:
-    """Refuse a file of a folder that is a link to one outside of it."""
+    """Raise InputError if a file of a folder is a link to a file outside the folder."""
     inside = os.path.realpath(folder)
     if os.path.commonpath([inside, os.path.realpath(file)]) != inside:
         raise InputError(f"{file}: is a link out of the folder: must be in it")
@@ -217,7 +217,7 @@ def _picture(file: Path) -> bytes:
 
 
 def _figure(file: Path, data: bytes) -> str:
-    """Return the HTML of a picture; an image element runs no script of an SVG and loads nothing that it names."""
+    """Return the HTML of a picture; an image element runs no script of an SVG and loads no file named in the SVG."""
     name = escape(_unicode(file.stem).replace("_", " "))
     source = f"data:{SHOWN[file.suffix]};base64,{base64.b64encode(data).decode()}"
     return f'<figure><img alt="{name}" src="{source}"><figcaption>{name}</figcaption></figure>'
@@ -233,15 +233,15 @@ def _page(title: str, body: str, path: Path, commands: list[str]) -> str:
 
 
 def _unicode(name: str) -> str:
-    """Return a file's name with a mark in place of each byte that is no UTF-8."""
+    """Return a file's name with a mark in place of each invalid UTF-8 byte."""
     return os.fsencode(name).decode(errors="replace")
 
 
-MOST_SHOWN = 8  # numbers of a long list
+MOST_SHOWN = 8  # most values shown of a long list
 
 
 def data_html(data: dict[str, Any], level: int = 2) -> str:
-    """Return the HTML of an object; its parts have headings below that level."""
+    """Return the HTML of an object; its nested parts have headings of this level and below."""
     plain = {name: value for name, value in data.items() if not _is_nested(value)}
     parts = [facts([(_words(name), cell(value)) for name, value in plain.items()])] if plain else []
     for name, value in data.items():
@@ -288,7 +288,7 @@ def _is_nested(value: Any) -> bool:
 
 
 def _is_deep(value: Any) -> bool:
-    """Return whether a value is too much for a cell."""
+    """Return whether a value is too deeply nested for a table's cell."""
     return _is_nested(value) and (isinstance(value, list) or any(_is_nested(part) for part in value.values()))
 
 

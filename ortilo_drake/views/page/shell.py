@@ -1,4 +1,4 @@
-"""The frame of every page: one HTML file with its style and script, no network."""
+"""The frame of every page: one HTML file with its style and script, usable without a network."""
 
 import json
 import platform
@@ -29,7 +29,7 @@ def versions() -> str:
 
 
 def embedded(data: Any) -> str:
-    """Return JSON that may stand within a script element."""
+    """Return data as JSON that can be embedded in a script element."""
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 

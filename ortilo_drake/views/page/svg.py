@@ -1,4 +1,4 @@
-"""The page's drawings as SVG: errors in 3-sigma bands, arrivals, the room from above."""
+"""The SVG drawings of a flight's page: errors in 3-sigma bands, arrivals, the room from above."""
 
 from html import escape
 from typing import Any
@@ -10,22 +10,22 @@ from ortilo_drake.views.figures import turned
 from ortilo_drake.views.page.flight_data import sensor_color
 from ortilo_drake.world.scenery.meshcat_zones import Zone
 
-WIDTH, HEIGHT = 1000.0, 100.0  # of a plot over time, stretched to the page's width
+WIDTH, HEIGHT = 1000.0, 100.0  # size of a plot over time, which the page stretches to its width
 
 
 def points(columns: np.ndarray) -> str:
-    """Return points (n, 2) as SVG writes them."""
+    """Return points (n x 2) in SVG's notation."""
     return " ".join(f"{x:.4g},{y:.4g}" for x, y in columns)
 
 
 def round_up(length: float) -> float:
-    """The least half of a digit times a power of ten at or above a length, such as 0.035 of 0.031."""
+    """Return a length rounded up to half of its first digit's unit, such as 0.035 for 0.031."""
     step = 10.0 ** np.floor(np.log10(length)) / 2.0
     return float(f"{np.ceil(length / step) * step:.2g}")
 
 
 def error_plot(data: dict[str, Any], axis: int) -> str:
-    """Return the error on one axis in its 3-sigma band."""
+    """Return the plot of the error on one axis in its 3-sigma band."""
     time, error = np.array(data["time"]), np.array(data["error"])[:, axis]
     band = 3 * np.array(data["sigma"])[:, axis]
     limit = round_up(max(1e-3, float(max(np.quantile(band, 0.99), np.max(np.abs(error))))))
@@ -45,7 +45,7 @@ def error_plot(data: dict[str, Any], axis: int) -> str:
 
 
 def arrival_plot(data: dict[str, Any], sensor: dict[str, Any]) -> str:
-    """Return the arrivals of one sensor: a mark for each fix used, a faint one where a due one is missing."""
+    """Return the plot of one sensor's arrivals: a mark for each used fix, a faint mark for each missing one."""
     marks = "".join(
         f'<path class="{kind}" stroke="{sensor_color(sensor["name"]) if kind == "used" else "#b5bac2"}" d="'
         + "".join(f"M{x:.5g} {top}V{bottom}" for x in across(data, np.array(sensor[of])))
@@ -56,7 +56,7 @@ def arrival_plot(data: dict[str, Any], sensor: dict[str, Any]) -> str:
 
 
 def time_ticks(data: dict[str, Any]) -> str:
-    """Return round times below a plot over time [s]."""
+    """Return the ticks below a plot over time, at round times [s]."""
     from matplotlib.ticker import MaxNLocator
 
     times = np.array(MaxNLocator(9, steps=[1, 2, 5, 10]).tick_values(data["time"][0], data["time"][-1]))
@@ -75,7 +75,7 @@ def shades(data: dict[str, Any], only: str | None) -> str:
 
 
 def across(data: dict[str, Any], time: np.ndarray) -> np.ndarray:
-    """Return the abscissas of times in a plot."""
+    """Return the x coordinates of times [s] in a plot over time (n)."""
     start, end = data["time"][0], data["time"][-1]
     return WIDTH * (time - start) / max(end - start, 1e-9)
 
@@ -90,10 +90,10 @@ def _plot(label: str, title: str, limits: tuple[str, str] | None, drawn: str, ki
 
 
 def plan_svg(room: Room, zones: list[Zone], reference: np.ndarray, data: dict[str, Any]) -> str:
-    """Return the room from above, north up, with planned, true and estimated path and two markers that move.
+    """Return the room from above, north up, with planned, true and estimated path and two moving markers.
 
-    A sensor is blacked out in the zones; the reference are the planned positions (n, 3) [m], the data those of
-    flight_data.
+    `zones` are the places where a sensor is blacked out, `reference` the planned positions in W (n x 3) [m], `data`
+    comes from flight_data.
     """
     (x0, y0), (x1, y1) = room.interior.min[:2], room.interior.max[:2]
     parts = [f'<rect class="floor" x="{x0}" y="{y0}" width="{x1 - x0}" height="{y1 - y0}"/>']
