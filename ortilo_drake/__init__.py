@@ -8,7 +8,7 @@
     >>> flight.lost is None
     True
 
-The names below are those of ortilo_drake.api, which loads when one of them is first used: Drake takes a second to load.
+All public names are in ortilo_drake.api, which loads at the first use of one of them: Drake takes a second to load.
 """
 
 from importlib import import_module

@@ -1,6 +1,6 @@
-"""The command `ortilo`: it reports every end, also an error, in one line.
+"""The command `ortilo`: it reports every error, and an end by a signal, in one line.
 
-Nothing but the standard library is imported at the top, because Ctrl-C while an import runs is caught below as well.
+Only the standard library is imported at the top, so that Ctrl-C during any other import is caught below.
 """
 
 import contextlib
@@ -11,18 +11,18 @@ from types import FrameType
 from typing import NoReturn, TextIO
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
-_TERMINATED = 128 + signal.SIGTERM  # the exit code, as shells count
+_TERMINATED = 128 + signal.SIGTERM  # exit code after SIGTERM, by the shells' convention
 
 
 def main() -> None:
     """Run the command.
 
-    Bad input ends it with one line and exit code 2, a broken pipe with 1; Ctrl-C with a line and 130, and SIGTERM, as
-    of `kill` and of a service that is stopped, just so with a line and 143.
+    Bad input ends the command with one line and exit code 2, a broken pipe with exit code 1, Ctrl-C with a line and
+    exit code 130, and SIGTERM (sent by `kill`, or when a service is stopped) with a line and exit code 143.
     """
-    interrupted = 0  # the signal
+    interrupted = 0  # number of the signal
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # our matrices are small: threads take longer to meet than to compute
+        os.environ.setdefault(name, "1")  # our matrices are small: threads would wait longer than they compute
 
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:
         nonlocal interrupted
@@ -40,13 +40,13 @@ def main() -> None:
 
             code = run()
             sys.stdout.flush()
-            if interrupted == signal.SIGTERM:  # of a command that Ctrl-C is the usual end of
+            if interrupted == signal.SIGTERM:  # for commands that usually end with Ctrl-C
                 raise KeyboardInterrupt
         except InputError as error:
             if interrupted:
                 raise KeyboardInterrupt from None
             code = _say(str(error), 2)
-        except BrokenPipeError:  # whoever reads our output has enough of it
+        except BrokenPipeError:  # the reader of our output has closed it
             _silence(sys.stdout)
             code = 1
         except OSError as error:
@@ -65,13 +65,13 @@ def main() -> None:
                 raise
             code = _say(str(missing(package, EXTRAS[package])), 2)
     except BaseException as error:
-        # A module in C whose import is interrupted raises an ImportError, or something else.
+        # A C module raises an ImportError, or another error, if its import is interrupted.
         if isinstance(error, SystemExit) and error.code == _TERMINATED:  # keep_alive's, which handles it
             interrupted = signal.SIGTERM
         if not interrupted and not isinstance(error, KeyboardInterrupt):
             raise
         for number in before:
-            signal.signal(number, signal.SIG_IGN)  # sent twice it would find us halfway out
+            signal.signal(number, signal.SIG_IGN)  # a second signal must not interrupt the end
         before = {}
         if interrupted == signal.SIGTERM:
             code = _say("ended by SIGTERM; what is finished is kept", _TERMINATED)
@@ -84,12 +84,12 @@ def main() -> None:
 
 
 def _open_streams() -> None:
-    """Give the streams that whoever started us has closed a place to go; print what they cannot encode as escapes."""
+    """Open /dev/null for standard streams that are closed; print characters that cannot be encoded as escapes."""
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(AttributeError):  # a test's own stream
+        with contextlib.suppress(AttributeError):  # a stream that a test put there
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
 
 
@@ -100,7 +100,7 @@ def _say(line: str, code: int) -> int:
 
 
 def _silence(stream: TextIO) -> None:
-    """Let a stream that cannot be written go nowhere, so that closing it at the end does not fail too."""
+    """Redirect a stream that cannot be written to /dev/null, so that closing the stream at the end does not fail."""
     with contextlib.suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

@@ -1,1 +1,1 @@
-"""The onboard half of a scenario as object code with a C header, made of the elements that fly."""
+"""The export of a scenario's onboard half as object code with a C header, made from the elements that fly."""

@@ -1,4 +1,4 @@
-"""The C header of an exported half: its inputs and outputs, its numbers, and its state from tick to tick."""
+"""The C header of an exported half: inputs, outputs, numbers, and the state that lasts from tick to tick."""
 
 from typing import Final
 
@@ -42,7 +42,7 @@ def c_name(name: str) -> str:
 
 
 def fields_of(scenario: Belief, name: str, size: int) -> tuple[tuple[str, str], ...]:
-    """Return the members of an input's struct, each with what it is."""
+    """Return the members of an input's struct: the declaration of each, and its meaning."""
     name = c_name(name)
     sensor = next((its for its in map(described, known_sensors()) if port_of(its.name) == name), None)
     members = PAYLOADS.get(name) or (sensor.members(scenario, size - PAYLOAD) if sensor else ())
@@ -51,7 +51,7 @@ def fields_of(scenario: Belief, name: str, size: int) -> tuple[tuple[str, str], 
 
 
 def aligned(members: list[tuple[str, str]]) -> list[str]:
-    """Return members with their comments in a column."""
+    """Return the lines of a struct's members, with the comments aligned in a column."""
     width = max(len(member) for member, _ in members)
     return [f"    {member:{width}} /* {what} */" if what else f"    {member}" for member, what in members]
 
@@ -62,18 +62,18 @@ def struct(name: str, members: list[tuple[str, str]]) -> str:
 
 
 def dimensions(shape: tuple[int, ...]) -> str:
-    """Return an array's dimensions in C; an empty one has one number, which is not read."""
+    """Return an array's dimensions in C; an empty array gets one number that is never read."""
     return "".join(f"[{max(d, 1)}]" for d in shape)
 
 
 def computed_boxes(half: Half) -> list[Box]:
-    """Return the boxes that compute anything or hold anything, in the order of a tick."""
+    """Return all boxes: those with functions in the order of a tick, then the others."""
     order = {box.name: box for box in (*half.wiring.out_order, *half.wiring.step_order)}
     return [*order.values(), *(box for name, box in half.wiring.boxes.items() if name not in order)]
 
 
 def constants_of(box: Box) -> list[tuple[str, str, np.ndarray]]:
-    """Return a box's constants (name, kind and values), numbers first; they never change in flight."""
+    """Return name, kind and values of each constant of a box, numbers before tables; none changes in flight."""
     found = list[tuple[str, str, np.ndarray]]()
     for number in box.element.constants:
         found.append((number.name, number.kind, np.asarray(box.given.numbers[number.name])))
@@ -82,7 +82,7 @@ def constants_of(box: Box) -> list[tuple[str, str, np.ndarray]]:
     return found
 
 
-ROOM_BYTES: Final = 131072  # `datasheet_tight` takes 75,016 of them, the most of the ready-made scenarios
+ROOM_BYTES: Final = 131072  # memory for arrays; `datasheet_tight` needs most of the ready-made scenarios, 75,016 bytes
 ROOM: Final = f"""#ifndef ORTILO_ROOM
 #define ORTILO_ROOM {ROOM_BYTES} /* bytes; define it where ortilo.c is compiled and where ortilo.h is read */
 #endif
@@ -95,7 +95,7 @@ typedef struct {{
 
 
 def header_text(half: Half, scenario: Scenario, sizes: dict[str, int], makes_arrays: bool) -> str:
-    """Return ortilo.h, with room for arrays if functions make some; sizes are those of c_source.py."""
+    """Return the text of ortilo.h, with memory for arrays if functions make arrays; source_text returns the sizes."""
     inputs = [(f"ortilo_{c_name(box)} {c_name(box)};", "") for box in half.inputs]
     outputs = [(f"double {signal}[{wire.size}];", OUTPUTS[signal]) for signal, wire in half.outputs.items()]
     parts = [

@@ -1,7 +1,7 @@
 """The C source of an exported half: its numbers, its first state, and a tick.
 
-The tick is that of loop/source.py in C, a line for each call of an element's function. It is compiled with the user's
-own compiler; the object file has the functions.
+The tick is the one of loop/source.py in C, with a line for each call of an element's function. The user's own compiler
+compiles this source; the object file has the functions.
 """
 
 import math
@@ -26,7 +26,7 @@ SUM_TEXT: Final = (TEMPLATES / "sum.c").read_text()
 
 
 def number_text(value: float) -> str:
-    """Return a number in C, floats to the last bit."""
+    """Return a number in C; floats are exact to the last bit."""
     if not isinstance(value, float):
         return f"{int(value)}"
     if math.isfinite(value):
@@ -35,7 +35,7 @@ def number_text(value: float) -> str:
 
 
 def values_text(values: np.ndarray) -> str:
-    """Return an initializer in C; of an empty array, of the one number that is not read."""
+    """Return values as an initializer in C; an empty array has one number that is never read."""
     if values.size == 0:
         return f"{'{' * values.ndim}0{'}' * values.ndim}"
     if values.ndim == 0:
@@ -47,7 +47,7 @@ def values_text(values: np.ndarray) -> str:
 
 
 def numbers_text(half: Half, single: bool) -> str:
-    """Return the default numbers; in single precision rounded to floats."""
+    """Return the C definition of the default numbers, rounded to floats in single precision."""
     kinds = NARROW if single else {}
     lines = ["const ortilo_numbers ortilo_default_numbers = {"]
     for box in computed_boxes(half):
@@ -61,7 +61,7 @@ def numbers_text(half: Half, single: bool) -> str:
 
 
 def initial_values(half: Half, places: Places) -> np.ndarray:
-    """Return all states at tick 0, one after the other."""
+    """Return all states in tick 0, one after the other (n)."""
     found = np.zeros(max(places.sizes[1], 1))
     for (name, state), (at, shape) in places.state.items():
         found[at : at + math.prod(shape)] = np.ravel(half.wiring.boxes[name].given.start[state])
@@ -69,7 +69,7 @@ def initial_values(half: Half, places: Places) -> np.ndarray:
 
 
 def declaration(box: Box, what: str) -> str:
-    """Return the declaration of a box's function as the object file has it."""
+    """Return the C declaration of a box's function in the object file."""
     said = ["void *"]
     for name, dimensions, _ in parameters(box.element, box.element.functions[what]):
         said += ["int64_t"] if name == "k" else ["const void *"] + ["int64_t"] * max(dimensions, 0)
@@ -77,13 +77,13 @@ def declaration(box: Box, what: str) -> str:
 
 
 def address(half: Half, places: Places, wire: Wire) -> str:
-    """Return the address of what a wire reads."""
+    """Return the C address of the values that a wire reads."""
     letter, at = place_of(half.wiring, places, wire)
     return f"{letter} + {at}"
 
 
 def call(half: Half, places: Places, box: Box, what: str) -> str:
-    """Return the call of a box's `out` or `step`."""
+    """Return the C line that calls a box's `out` or `step`."""
     element, said = box.element, ["ROOM"]
     tables = {table.name for table in element.arrays}
     for name, _, _ in parameters(element, element.functions[what]):
@@ -104,7 +104,7 @@ def call(half: Half, places: Places, box: Box, what: str) -> str:
 
 
 def source_text(half: Half, makes_arrays: bool, own_sums: bool, single: bool = False) -> tuple[str, dict[str, int]]:
-    """Return ortilo.c, with floats if single, and the numbers that states, work space and outputs of boxes take."""
+    """Return the text of ortilo.c, with floats if `single`, and the sizes of states, work arrays and outputs."""
     wiring, places = half.wiring, places_of(half.wiring)
     declared = [declaration(box, what) for box in computed_boxes(half) for what in box.element.functions]
     first = initial_values(half, places).astype(np.float32 if single else float)

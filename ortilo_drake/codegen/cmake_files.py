@@ -1,4 +1,4 @@
-"""The CMake files of an export: its library and golden test, and how to cross-compile and emulate them."""
+"""The CMake files of an export: they build its library and golden test, cross-compile and emulate them."""
 
 from typing import Final
 
@@ -10,7 +10,7 @@ _FITS: Final = {"aarch64": 'CMAKE_SYSTEM_PROCESSOR MATCHES "aarch64|arm64"',
 
 
 def cmake_files(target: str) -> dict[str, str]:
-    """Return the text of each file by its name: CMakeLists.txt, and beside it what another processor needs."""
+    """Return the texts of the CMake files by name: CMakeLists.txt, and the files that another processor needs."""
     lists = (TEMPLATES / "CMakeLists.txt").read_text()
     files = {
         "CMakeLists.txt": lists.replace("@TARGET@", target).replace("@FITS@", _FITS.get(target, "CMAKE_CROSSCOMPILING"))
@@ -23,7 +23,7 @@ def cmake_files(target: str) -> dict[str, str]:
 
 
 def configure_line(target: str) -> str:
-    """Return the command that configures an export's build, in its folder."""
+    """Return the command that configures an export's build, for use in the export's folder."""
     return "cmake -S . -B build" + (" -DCMAKE_TOOLCHAIN_FILE=toolchain.cmake" if target in EMULATOR else "")
 
 

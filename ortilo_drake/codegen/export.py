@@ -39,15 +39,15 @@ def export(
 ) -> dict[str, Any]:
     """Write the onboard half of a scenario for a processor; return the manifest.
 
-    `od.export("imu_uwb", "cortex-m7", "half")` does so. All is made before anything is written. InputError if a part
-    cannot be exported, or there is no such processor.
+    An example is `od.export("imu_uwb", "cortex-m7", "half")`. All contents are made before any file is written.
+    InputError if a part cannot be exported, or there is no such processor.
 
     Args:
-        scenario: a ready-made scenario's name, a .yaml file, or a Scenario; its seed is that of the golden vectors.
+        scenario: a ready-made scenario's name, a .yaml file, or a Scenario; its seed is used for the golden vectors.
         target: a processor of codegen/targets.py.
-        folder: where to write ortilo_elements.o, ortilo.c, ortilo.h, golden.h, test_golden.c, README.md, manifest.json
+        folder: folder for ortilo_elements.o, ortilo.c, ortilo.h, golden.h, test_golden.c, README.md, manifest.json
             and the files of cmake_files.py.
-        ticks: of the golden vectors.
+        ticks: number of ticks in the golden vectors.
         precision: "double", with the bits of Python, or "single", for processors without doubles: see single.py.
     """
     if precision not in PRECISIONS:

@@ -1,4 +1,4 @@
-"""An exported onboard half in flight: its program, on this processor or an emulated one, asked tick by tick."""
+"""An exported onboard half in flight: its program runs here or in an emulator, and answers tick by tick."""
 
 import json
 import shutil
@@ -25,7 +25,7 @@ FNV: Final = (1469598103934665603, 1099511628211)  # offset and prime of the 64-
 
 
 def hash_of(words: np.ndarray) -> int:
-    """Return the hash FNV-1a of whole numbers of 64 bits, taken as one number each."""
+    """Return the FNV-1a hash of 64-bit integers, each hashed as one number."""
     found = FNV[0]
     for word in words:
         found = ((found ^ int(word)) * FNV[1]) & (2**64 - 1)
@@ -33,7 +33,7 @@ def hash_of(words: np.ndarray) -> int:
 
 
 def inputs_of(half: Half, messages: Signals) -> np.ndarray:
-    """Return a tick's inputs as they lie in C, one after the other, of its messages."""
+    """Return the inputs of a tick from its messages, one after the other as in the C struct (i)."""
     found, at = np.zeros(sum(half.inputs.values())), 0
     for box, size in half.inputs.items():
         said = messages.get(c_name(box), messages.get(port_of(box)))
@@ -45,9 +45,9 @@ def inputs_of(half: Half, messages: Signals) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def flown_ticks(scenario: Scenario, ticks: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the inputs of each tick, one after the other (ticks, i), and each output (ticks, n), as Drake flies it.
+    """Fly a scenario in Python; return the inputs of each tick (ticks x i) and each compared output (ticks x n).
 
-    The last flight, of the scenario's seed, is kept: it is that of all processors. InputError as onboard_half.
+    The last flight is kept, because it is the same for all processors. Errors as in onboard_half.
     """
     half, world, onboard = onboard_half(scenario), WorldHalf(scenario), OnboardHalf(scenario)
     came = np.zeros((ticks, sum(half.inputs.values())))
@@ -65,7 +65,7 @@ def flown_ticks(scenario: Scenario, ticks: int) -> tuple[np.ndarray, dict[str, n
 
 
 def words_text(name: str, values: np.ndarray) -> str:
-    """Return an array of C of floats' bits, a row a tick."""
+    """Return the C definition of an array with the bits of floats, a row for each tick."""
     kind = np.dtype(f"u{values.itemsize}")
     rows = np.ascontiguousarray(values).view(kind)
     text = ",\n".join("{" + ",".join(f"0x{word:x}u" for word in row) + "}" for row in rows)
@@ -73,9 +73,9 @@ def words_text(name: str, values: np.ndarray) -> str:
 
 
 def golden_text(came: np.ndarray, went: dict[str, np.ndarray], single: bool = False) -> str:
-    """Return golden.h: the inputs' bits, the control's and the estimate's, and a hash of the covariance.
+    """Return the text of golden.h: the bits of inputs, control and estimate, and a hash of the covariance.
 
-    In single precision, the bits of the doubles' nearest floats, and no hash.
+    In single precision the bits are the ones of the nearest floats, and there is no hash.
     """
     kind = np.float32 if single else np.float64
     bits = f"the bits of {'floats' if single else 'doubles'}"
@@ -91,7 +91,7 @@ def golden_text(came: np.ndarray, went: dict[str, np.ndarray], single: bool = Fa
 TEMPLATES: Final = Path(__file__).with_name("templates")
 STRICT: Final = ("-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 BOARDS: Final = {"cortex-m7": "mps2-an500", "cortex-m4": "mps2-an386"}
-MORE: Final = {"cortex-m7": "0x60000000", "cortex-m4": "0x21000000"}  # where these boards have 16 MB, for golden ticks
+MORE: Final = {"cortex-m7": "0x60000000", "cortex-m4": "0x21000000"}  # address of 16 MB on a board, for golden ticks
 COMPILER: Final = {
     "cortex-m7": "arm-none-eabi-gcc", "cortex-m4": "arm-none-eabi-gcc", "aarch64": "aarch64-linux-gnu-gcc",
     "x86-64": "gcc",
@@ -100,21 +100,21 @@ EMULATOR: Final = {"cortex-m7": "qemu-system-arm", "cortex-m4": "qemu-system-arm
 
 
 def programs_of(target: str) -> list[str]:
-    """Return the programs that build and fly an export for a target."""
+    """Return the names of the programs that build and run an export for a target."""
     return [COMPILER[target], *([EMULATOR[target]] if target in EMULATOR else [])]
 
 
 def emulated(target: str, program: str | Path, *options: str) -> list[str]:
-    """Return the command that runs a program of a target here, with options for a board's emulator."""
+    """Return the command that runs a target's program on this machine, with options for the emulator of a board."""
     if target in BOARDS:
         return [EMULATOR[target], "-M", BOARDS[target], "-semihosting", *options, "-kernel", str(program)]
     return [*([EMULATOR[target]] if target in EMULATOR else []), str(program)]
 
 
 def build(folder: Path, target: str, source: Path, made: Path, flags: Sequence[str] = ()) -> None:
-    """Build a program with a main of its own, a C source, for the exported half in a folder and its target.
+    """Build a program for a target from a C source with a main, and from the exported half in a folder.
 
-    The flags are for the compiler, beside those of the target. InputError if the compiler is not there or refuses.
+    `flags` are further flags of the compiler. InputError if a program that is needed is missing or the compiler fails.
     """
     if missing := [program for program in programs_of(target) if shutil.which(program) is None]:
         raise InputError(f"--exported: {target}: needs {', '.join(missing)} (make setup EXPORT=1)")
@@ -132,10 +132,10 @@ def build(folder: Path, target: str, source: Path, made: Path, flags: Sequence[s
 
 
 class ExportedHalf:
-    """The onboard half of a scenario, flown by what was exported of it; as flight.stepped_halves.OnboardHalf.
+    """The exported onboard half of a scenario, with the methods of flight.stepped_halves.OnboardHalf.
 
-    `target` is its processor, `stopped` how many functions had to stop in the last tick. InputError if the folder holds
-    no export of this scenario, or a program that it needs is not there.
+    `target` is the processor, `stopped` the number of functions that had to stop in the last tick. InputError if the
+    folder holds no export of this scenario, or a program that is needed is missing.
     """
 
     def __init__(self, scenario: Scenario, folder: str | Path):
@@ -156,21 +156,21 @@ class ExportedHalf:
         self.close()
 
     def close(self) -> None:
-        """End its program."""
+        """End the program of the exported half."""
         self._process.kill()
         self._process.communicate()
         self._room.cleanup()
 
     def restart(self) -> None:
-        """Begin anew at tick 0 with the next tick."""
+        """Let the next tick be tick 0 again, with the first state."""
         self._anew = True
 
     def receive(self, messages: Signals) -> None:
-        """Take this tick's messages."""
+        """Take the messages of this tick and fly the tick."""
         self.take_inputs(inputs_of(self._half, messages))
 
     def take_inputs(self, inputs: np.ndarray) -> None:
-        """Take this tick's inputs as they lie in C, and fly the tick."""
+        """Take the inputs of this tick, one after the other as in the C struct (i), and fly the tick."""
         going, coming = self._process.stdin, self._process.stdout
         assert going is not None
         assert coming is not None
@@ -178,7 +178,7 @@ class ExportedHalf:
             going.write(np.int32(self._anew).tobytes() + inputs.astype(self.kind).tobytes())
             going.flush()
         except BrokenPipeError:
-            pass  # it is said below
+            pass  # the error is raised below
         self._anew = False
         size = sum(wire.size for wire in self._half.outputs.values())
         answer = coming.read(4 + self.kind.itemsize * size)
@@ -193,17 +193,17 @@ class ExportedHalf:
             self._said[name], at = values[at : at + wire.size], at + wire.size
 
     def outputs(self) -> Signals:
-        """Return every signal of this tick."""
+        """Return every output of this tick by name."""
         return dict(self._said)
 
     def advance(self) -> None:
-        """Go on to the next tick: it has, with the answer."""
+        """Do nothing: the program has already gone on to the next tick."""
 
 
 def manifest_in(folder: Path, scenario: Scenario) -> dict[str, Any]:
-    """Return the manifest of an export, which must be of this scenario.
+    """Return the manifest of the export of a scenario in a folder.
 
-    InputError if there is none, or it is of another belief.
+    InputError if there is no manifest, or its scenario has another belief.
     """
     try:
         manifest: dict[str, Any] = json.loads((folder / "manifest.json").read_text())

@@ -1,4 +1,4 @@
-"""The boxes that are exported, with their inputs and outputs."""
+"""The exported boxes, with their inputs and outputs."""
 
 from typing import NamedTuple
 
@@ -14,20 +14,20 @@ from ortilo_drake.scenario import Belief
 
 
 class Half(NamedTuple):
-    """The onboard half as it is exported."""
+    """The onboard half for an export."""
 
     wiring: Wiring
-    """of its boxes."""
+    """wiring of the boxes of the half."""
     inputs: dict[str, int]
-    """size of each message that it takes, by the name of its box."""
+    """size of each message that the half reads, by the name of the message's box."""
     outputs: dict[str, Wire]
-    """where each output stands, by its name."""
+    """source of each output, by the output's name."""
 
 
 def onboard_half(scenario: Belief) -> Half:
-    """Return the onboard half of a scenario; nothing but its belief is used.
+    """Return the onboard half of a scenario; only the scenario's belief is used.
 
-    InputError in one line, naming the part that cannot be exported and why.
+    InputError, naming the part and the reason, if a part cannot be exported.
     """
     belief = scenario.belief
     if belief.is_rendered:

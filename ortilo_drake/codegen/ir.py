@@ -1,8 +1,8 @@
-"""The compiled functions of elements as LLVM IR that is of no processor.
+"""The compiled functions of elements as LLVM IR that belongs to no processor.
 
-numba writes IR for the processor that it runs on. A process of its own, told that it runs on a generic one, writes what
-any processor can be given. What compiled code calls of Python where it would raise becomes unreachable: C has no
-exceptions, and the tests run the same code with them.
+numba writes IR for the processor that it runs on. A separate process, told that its processor is a generic one, writes
+IR for any processor. Calls into Python that would raise an exception become unreachable: C has no exceptions, and the
+tests run the same code with exceptions.
 """
 
 import json
@@ -37,10 +37,11 @@ COUNTED: Final = {
     "NRT_incref", "NRT_decref", "NRT_MemInfo_alloc_aligned", "NRT_MemInfo_alloc", "NRT_Allocate", "NRT_Free",
 }  # fmt: skip
 ROOM: Final = "ptr %ortilo_room"
-# An array that a function makes stands in the room that its caller lends, see templates/room.c. Its holders are
-# counted; numba writes that for processors of x86. Text is made only where Python would raise: there is none, so that
-# the function stops. NRT_Allocate gives memory without holders, behind a block's 32 bytes: for what Python would raise,
-# and for the copy of a part of an array that is written to another part of the same array (x[:3] /= 2.0).
+# An array that a function makes lies in the room, memory that the caller lends (templates/room.c). References to the
+# array are counted here, because numba's own counting is for x86 only. Strings are made only where Python would raise:
+# their allocation (NRT_MemInfo_alloc) returns null, so that the function stops. NRT_Allocate returns memory without a
+# count, behind the 32 bytes of a block: for exceptions, and for the copy of a part of an array that is written to
+# another part of the same array (x[:3] /= 2.0).
 COUNTING: Final = f"""
 declare ptr @ortilo_take(ptr, i64)
 declare void @ortilo_give(ptr, ptr)
@@ -90,7 +91,7 @@ done:
   ret void
 }}
 """
-# numba asks C whether an array can be read in another shape. One whose numbers stand in a row always can.
+# numba asks a C function whether an array can be read in another shape. A contiguous array always can.
 RESHAPE: Final = """
 define internal i32 @numba_attempt_nocopy_reshape(i64 %nd, ptr %dims, ptr %strides, i64 %newnd, ptr %newdims,
                                                   ptr %newstrides, i64 %size, i32 %by_column) alwaysinline {
@@ -116,14 +117,14 @@ done:
 
 
 def symbol_of(box: str, what: str) -> str:
-    """Return the name in C of a box's function."""
+    """Return the C name of a box's function."""
     return f"ortilo_{box}_{what}"
 
 
 def box_ir(box: str, element: Element, single: bool) -> dict[str, str]:
-    """Return the IR of a box's functions by their names in C, as numba makes it in this process, in floats if single.
+    """Return the IR of a box's functions by their C names, as numba makes it in this process, in floats if `single`.
 
-    InputError if a function calls what is not there without Python.
+    InputError if a function calls code that needs Python.
     """
     module = ModuleType("ortilo_exported")
     vars(module).update(known_to(element))
@@ -144,23 +145,24 @@ def box_ir(box: str, element: Element, single: bool) -> dict[str, str]:
 
 
 def makes_arrays(ir: str) -> bool:
-    """Return whether functions make arrays in the room that they are lent."""
+    """Return whether functions make arrays in the room that the caller lends."""
     return "@ortilo_take(" in ir
 
 
 def neutral(ir: str, what: str, symbol: str) -> str:
-    """Return IR of numba for no processor in particular: a function (room, arguments) -> 0, not 0 where it had to stop.
+    """Return numba's IR of `what` (`out` or `step`), changed to belong to no processor and to call no Python.
 
-    It is of a function of C made of `what`, `out` or `step`. InputError if it calls what is not there without Python.
+    The C function `symbol` takes (room, arguments); it returns 0, or another number if it had to stop. InputError if
+    the function calls code that needs Python.
     """
     ir = re.sub(r"^target (?:datalayout|triple) = .*$", "", ir, flags=re.M)
     ir = re.sub(r'"(?:target-cpu|target-features|tune-cpu)"="[^"]*"', "", ir)
     for kind, name, own in (("double", "sqrt", "llvm.sqrt.f64"), ("float", "(?:sqrtf|sqrt)", "llvm.sqrt.f32")):
-        if re.search(rf"declare {kind} @{name}\({kind}", ir):  # the processor's own, exact on all of them
+        if re.search(rf"declare {kind} @{name}\({kind}", ir):  # use the processor's instruction, exact on all targets
             ir = re.sub(rf"call ((?:\w+ )*?){kind} @{name}\(", rf"call \1{kind} @{own}(", ir)
             ir = re.sub(rf"declare {kind} @(?:{re.escape(own)}|{name})\({kind}.*", "", ir)
             ir += f"\ndeclare {kind} @{own}({kind})\n"
-    # Pointers have eight bytes in what is laid out, as the IR's offsets have them.
+    # Pointers in structs take eight bytes, as the IR's offsets assume.
     ir = re.sub(r"alloca \{[^}]*\}", lambda found: re.sub(r"\bptr\b", "i64", found[0]), ir)
     lines, skipping, makes = list[str](), False, False
     for line in ir.splitlines():
@@ -189,7 +191,7 @@ def neutral(ir: str, what: str, symbol: str) -> str:
 
 
 def with_room(ir: str, what: str, symbol: str) -> str:
-    """Return IR in which every function takes the room as well, and what of Python calls `what` has its name in C."""
+    """Return IR in which every function also takes the room, with a C function `symbol` that calls `what`."""
     head = re.search(rf'^define [^@]*@"?(_ZN\w*?\d+{what}_c\w*)"?\((.*)\)', ir, flags=re.M)
     assert head is not None, symbol
     names = {*re.findall(r'^define [^@]*@"?([\w.]+)"?\(', ir, flags=re.M)}
@@ -210,9 +212,9 @@ define i32 @{symbol}({ROOM}{said}) {{
 
 @lru_cache(maxsize=4)
 def neutral_irs(scenario: Scenario, single: bool = False) -> dict[str, str]:
-    """Return the IR of all functions of a scenario's onboard half, made in a process of its own, in floats if single.
+    """Return the IR of all functions of a scenario's onboard half, made in a new process, in floats if `single`.
 
-    InputError as onboard_half and box_ir.
+    Errors as in onboard_half and box_ir.
     """
     elements = [(box.name, box.element) for box in onboard_half(scenario).wiring.boxes.values()]
     told = pickle.dumps((single, plugin_files(), cloudpickle.dumps(elements)))
@@ -230,7 +232,7 @@ def neutral_irs(scenario: Scenario, single: bool = False) -> dict[str, str]:
 
 
 def main() -> int:
-    """Read boxes' names and elements from standard input and write the IR of their functions to standard output."""
+    """Read names and elements of boxes from standard input; write the IR of their functions to standard output."""
     single, plugins, elements = pickle.loads(sys.stdin.buffer.read())
     try:
         if single:

@@ -1,4 +1,4 @@
-"""Object code of IR for a processor."""
+"""Object code for a processor, from IR."""
 
 import re
 from collections.abc import Iterable
@@ -8,19 +8,20 @@ import llvmlite.binding as llvm
 from ortilo_drake.codegen.targets import Target
 from ortilo_drake.model.typed_yaml import InputError
 
-LEVEL = 2  # of optimisation
-# What a processor's C library computes exactly, so that every library has the same bits of it.
+LEVEL = 2  # optimisation level
+# Functions that every C library computes exactly, with the same bits.
 EXACT = "sqrt|fmod|floor|ceil|trunc|rint|nearbyint|round"
-# What else it computes it rounds otherwise than the library that Python flies with.
+# All other functions, which a processor's C library rounds differently from the library that Python uses.
 LIBRARY = re.compile(
     rf"llvm\.(?:a?(?:sin|cos|tan)h?|atan2|sincos\w*|(?:exp|log)(?:2|10)?|powi?)\.|(?!llvm\.|ortilo_|(?:{EXACT})f?$)"
 )
 
 
 def object_code(irs: dict[str, str], target: Target) -> bytes:
-    """Return the object file of neutral IR; the names by which the IR is given are seen by a linker, no others.
+    """Return the object file of neutral IR; a linker sees only the functions named by the keys of `irs`.
 
-    InputError if this LLVM was built without the processor, or if code for another than x86-64 calls its library.
+    InputError if this LLVM was built without the processor, or if code for another processor than x86-64 calls a
+    library function that is not exact.
     """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
@@ -37,14 +38,14 @@ def object_code(irs: dict[str, str], target: Target) -> bytes:
         if not function.is_declaration and function.name not in irs:
             function.linkage = "internal"
         if not function.is_declaration and target.is_arm32:
-            function.add_function_attribute("optsize")  # flash is small there; copies of loops cost a fifth more of it
+            function.add_function_attribute("optsize")  # flash is small: copies of loops need a fifth more of it
     for variable in whole.global_variables:
         if not variable.is_declaration:
             variable.linkage = "internal"
     whole.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=LEVEL)
     options.loop_vectorization = options.slp_vectorization = False
-    for _ in range(2):  # the second sees what the first found unreachable
+    for _ in range(2):  # the second pass removes what the first pass made unreachable
         builder = llvm.create_pass_builder(machine, options)
         builder.getModulePassManager().run(whole, builder)
     for name in [its.name for its in whole.functions if its.is_declaration and LIBRARY.match(its.name)]:
@@ -55,7 +56,7 @@ def object_code(irs: dict[str, str], target: Target) -> bytes:
 
 
 def linked(irs: Iterable[str], target: Target, layout: str) -> llvm.ModuleRef:
-    """Return one module of all IR, for a processor."""
+    """Return one module for a processor, linked from all IR."""
     whole = None
     for ir in irs:
         module = llvm.parse_assembly(with_own_sums(ir) if target.adds_in_library else ir)
@@ -68,7 +69,7 @@ def linked(irs: Iterable[str], target: Target, layout: str) -> llvm.ModuleRef:
 
 
 def with_own_sums(ir: str) -> str:
-    """Return IR that adds and subtracts doubles by templates/sum.c, which rounds where libgcc does not."""
+    """Return IR that adds and subtracts doubles with templates/sum.c, which rounds correctly where libgcc does not."""
     for did, name in (("fadd", "ortilo_sum"), ("fsub", "ortilo_difference")):
         ir, count = re.subn(
             rf"= {did} double ([^,\n]+), ([^,\n]+)$", rf"= call double @{name}(double \1, double \2)", ir, flags=re.M

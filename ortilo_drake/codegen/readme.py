@@ -50,7 +50,7 @@ rotors. Nobody has flown this on a vehicle.
 
 
 def readme_text(half: Half, scenario: Scenario, target: str, manifest: dict[str, Any]) -> str:
-    """Return the text."""
+    """Return the text of the README."""
     cross = "CMAKE_TOOLCHAIN_FILE" in configure_line(target)
     return TEXT.format(
         name=scenario.name,

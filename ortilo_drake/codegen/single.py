@@ -1,7 +1,7 @@
-"""Floats of 32 bits for processors without doubles: what numba takes for a double is computed and kept as a float.
+"""32-bit floats for processors without doubles: what numba treats as a double is computed and stored as a float.
 
-It is for a process of its own that compiles and ends (ir.py), and stands before anything is compiled there. All that
-the elements say, keep and make is then narrow; their types, and with them their source, stay what they are.
+A separate process calls this before it compiles, and then ends (ir.py). All outputs, states and arrays of the elements
+are then narrow; their numba types, and so their source, stay unchanged.
 """
 
 import importlib
@@ -18,16 +18,16 @@ from numba.core.pythonapi import PythonAPI
 from ortilo_drake.loop.element import Box
 from ortilo_drake.model.typed_yaml import InputError
 
-# What has flown within 1 mm and 0.1 degree of doubles (scripts/export_single.py).
+# Elements that flew within 1 mm and 0.1 degree of the flight with doubles (scripts/export_single.py).
 NEAR: Final = {
     "outside", "constant", "bundle", "multilateration", "learning_multilateration", "survey_bank", "handler",
     "imu_rows", "filter", "told_filter", "vehicle_belief", "reference", "servo", "belief_parts", "extra_part",
 }  # fmt: skip
-# What flew farther than that from doubles, and how far.
+# Elements that flew farther from the flight with doubles, and how far.
 FAR: Final = {"tight": "850 mm and 52 degrees within 46 ticks"}
-NARROW: Final = {"f8": "f4"}  # how a kind is laid out
-# What the elements compare with is what rounding leaves of a double. Coarser rounding needs other numbers: pi / 2 and
-# ln 2 in parts whose products with a whole number are exact in 24 bits, what counts as singular, and what as equal.
+NARROW: Final = {"f8": "f4"}  # kind in memory of each changed kind
+# Constants of the elements that fit the rounding of doubles. Floats need others: pi / 2 and ln 2 in parts whose
+# products with an integer are exact in 24 bits, and the limits of what counts as singular and as equal.
 CHANGED: Final[dict[str, dict[str, float]]] = {
     "ortilo_drake.model.elementary": {
         "LARGE": 3.0e3, "SENSELESS": 1.0e6,
@@ -45,10 +45,7 @@ CHANGED: Final[dict[str, dict[str, float]]] = {
 
 
 def check_near(boxes: Iterable[Box]) -> None:
-    """Check that floats are known to do for all boxes.
-
-    InputError in one line, naming the first of which that is not known.
-    """
+    """Raise InputError, naming the first wrong box, unless all boxes are known to fly well in floats."""
     boxes = list(boxes)
     for box in boxes:
         if far := FAR.get(box.element.name):
@@ -61,7 +58,7 @@ def check_near(boxes: Iterable[Box]) -> None:
 
 
 def narrow_record(wide: np.dtype) -> types.Record:
-    """Return the record of constants, laid out with floats and typed with doubles."""
+    """Return the record type of constants that are floats in memory but doubles in numba's types."""
     fields = [(name, wide[name].base, wide[name].shape) for name in wide.names or ()]
     narrow = [(name, np.dtype(NARROW.get(kind.str[1:], kind)), shape) for name, kind, shape in fields]
     record = from_dtype(np.dtype(narrow, align=True))
@@ -77,14 +74,14 @@ def _widely_typed(kind: Any) -> Any:
 
 
 def with_floats(text: str) -> str:
-    """Return C with floats for doubles."""
+    """Return C source with floats in place of doubles."""
     return re.sub(r"\bdouble\b", "float", text)
 
 
 def with_whole_words(ir: str) -> str:
-    """Return IR of floats that makes whole numbers of 32 bits of them: of 64, a processor's library may use doubles.
+    """Return IR that converts floats to 32-bit integers: a library's conversion to 64 bits may use doubles.
 
-    What is too large is the largest, and NaN is 0, on every processor.
+    On every processor, a float that is too large becomes the largest integer, and NaN becomes 0.
     """
     made = re.compile(r"^( *)(%\S+) = fptosi float (\S+) to i64(.*)$", flags=re.M)
     if not made.search(ir):
@@ -94,16 +91,16 @@ def with_whole_words(ir: str) -> str:
 
 
 class _FloatModel(models.PrimitiveModel):
-    """A number as LLVM has it: a float."""
+    """The LLVM type of numba's floating-point numbers: a float."""
 
     def __init__(self, manager: Any, kind: Any):
         super().__init__(manager, kind, ir.FloatType())
 
 
 def compute_in_floats() -> None:
-    """Have everything that this process compiles from now on compute in floats and keep them."""
+    """Let all code that this process compiles from now on compute in floats and store floats."""
     default_manager.register(types.Float, _FloatModel)
-    types.float64.bitwidth = 32  # of arrays within records
+    types.float64.bitwidth = 32  # for arrays within records
     own, given = PythonAPI.float_from_double, PythonAPI.float_as_double
     PythonAPI.float_from_double = lambda api, value: own(api, api.builder.fpext(value, ir.DoubleType()))
     PythonAPI.float_as_double = lambda api, value: api.builder.fptrunc(given(api, value), ir.FloatType())

@@ -1,4 +1,4 @@
-"""Processors that the onboard half is exported for."""
+"""The processors for which the onboard half can be exported."""
 
 from typing import Final, NamedTuple
 
@@ -6,25 +6,25 @@ from ortilo_drake.model.typed_yaml import InputError
 
 
 class Target(NamedTuple):
-    """A processor as LLVM knows it."""
+    """A processor in LLVM's terms."""
 
     triple: str
-    """its architecture, system and calling convention."""
+    """LLVM's name of architecture, system and calling convention."""
     cpu: str
-    """the least of its kind."""
+    """LLVM's name of the least capable processor that must run the code."""
     features: str
-    """beyond those of the cpu; + there, - not."""
+    """LLVM's list of features in addition to the cpu's, + for present, - for absent."""
     flags: str
-    """with which gcc compiles C for it."""
+    """gcc's flags for C on this processor."""
 
     @property
     def is_arm32(self) -> bool:
-        """Whether it is an ARM of 32 bits."""
+        """Whether the processor is a 32-bit ARM."""
         return self.triple.endswith("hf")
 
     @property
     def adds_in_library(self) -> bool:
-        """Whether it computes doubles in software."""
+        """Whether the processor computes doubles in software."""
         return self.cpu == "cortex-m4"
 
 
@@ -43,10 +43,7 @@ TARGETS: Final = {
 
 
 def target_of(name: str) -> Target:
-    """Return a target by its name.
-
-    InputError if there is none of that name, or this LLVM was built without it.
-    """
+    """Return the target of this name; InputError if there is none."""
     if name not in TARGETS:
         raise InputError(f"--target: {name!r}: must be one of {', '.join(TARGETS)}")
     return TARGETS[name]

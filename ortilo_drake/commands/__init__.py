@@ -1,1 +1,1 @@
-"""The commands of `ortilo`, one module each; Drake is imported only once the arguments are known to be right."""
+"""The commands of `ortilo`, one module each; Drake is imported only after the arguments are checked."""

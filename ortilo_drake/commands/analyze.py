@@ -1,4 +1,4 @@
-"""The command `ortilo analyze`: the theory of a scenario, checked by flights."""
+"""The command `ortilo analyze`: the theory of a scenario, checked against flights."""
 
 import os
 from pathlib import Path

@@ -39,13 +39,13 @@ from ortilo_drake.views.themes import Theme, themed
 app = typer.Typer(
     help="A laboratory for indoor navigation with intermittent sensors, built on Drake.",
     no_args_is_help=True,
-    rich_markup_mode="markdown",  # Rich would take a unit such as [s] for a style and leave it out
+    rich_markup_mode="markdown",  # Rich's own markup would read a unit such as [s] as a style and drop it
     pretty_exceptions_enable=False,
 )
 
 
 def commit(checkout: Path) -> str:
-    """Return the commit of a git checkout, with -dirty where files have changed; empty if it is none."""
+    """Return the commit of a git checkout, with -dirty if files have changed; empty if there is no checkout."""
     if not (checkout / ".git").exists():
         return ""
     command = ("git", "-C", str(checkout), "describe", "--always", "--dirty", "--exclude", "*")
@@ -55,7 +55,7 @@ def commit(checkout: Path) -> str:
 
 
 def _say_version(asked: bool) -> None:
-    """Print the versions of this program, Drake and Python, in a git checkout its commit too, and end."""
+    """Print the versions of this program, Drake and Python, and the commit if this is a git checkout; then exit."""
     if asked:
         from ortilo_drake.views.page.shell import versions
 
@@ -128,7 +128,7 @@ app.add_typer(room_app, name="room")
 
 
 def _plain_usage(error: Any) -> str:
-    """Return what is wrong with the arguments, in a line."""
+    """Return the error in the arguments as one line."""
     option, context = getattr(error, "option_name", None), error.ctx
     if context is not None and option in ("--plugin", "--scheduler", "--theme", "--title", "--figures"):
         command = context.info_name
@@ -144,7 +144,7 @@ def run() -> int:
 
     InputError if the arguments, or the files that they name, are wrong; KeyboardInterrupt on Ctrl-C.
     """
-    usage_error = typer.BadParameter.__base__  # click's UsageError, of which some versions of Typer have a copy
+    usage_error = typer.BadParameter.__base__  # click's UsageError; some versions of Typer have a copy of it
     assert usage_error is not None
     try:
         code = app(standalone_mode=False)

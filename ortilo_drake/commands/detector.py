@@ -1,4 +1,4 @@
-"""The commands `ortilo detector`: they render, train, judge, export and calibrate as for the shipped detector."""
+"""The commands `ortilo detector`: render, train, judge, export and calibrate, as was done for the shipped detector."""
 
 import os
 from functools import partial
@@ -30,7 +30,7 @@ WidthOption = Annotated[int, typer.Option(min=64, max=2048, help="Image width [p
 PICTURES = Path("out/detector/pictures")
 TRAINED = Path("out/detector/training")
 NETWORK = TRAINED / "ortilo.safetensors"
-LOWEST = 0.01  # score from which detections count in a precision-recall curve
+LOWEST = 0.01  # least score of a detection in a precision-recall curve
 
 
 def _settings(network: tuple[Path, Path] | None, onnx: Path | None, backend: str = "auto") -> Detector:
@@ -143,7 +143,7 @@ def evaluate(
 
     settings = _settings(network, onnx, backend)
     room = load_scenario("imu_uwb_yolo").load_room()
-    load_detector(settings, room, (width, width))  # refuses bad files before minutes of rendering
+    load_detector(settings, room, (width, width))  # reports bad files before minutes of rendering
     _render(pictures, ("test",), seed, scale, width, workers)
     result = judge(settings, room, pictures, LOWEST, worst)
     write_json(json_file, result)

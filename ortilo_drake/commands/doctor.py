@@ -1,4 +1,7 @@
-"""The command `ortilo doctor`: what is installed, what is missing, and how to mend it; each check is a function."""
+"""The command `ortilo doctor`: it reports what is installed, what is missing and how to install it.
+
+Each check is a function.
+"""
 
 import importlib.util
 import os
@@ -19,10 +22,10 @@ from ortilo_drake.commands.options import JsonOption
 from ortilo_drake.commands.terminal import out, write_json
 
 NEEDED, WANTED = "needed", "wanted"
-LIMIT: Final = 120.0  # for drawing a picture in another process [s]
-LEAST_DISK: Final = 2.0  # [GB]
-LEAST_MEMORY: Final = 2.0  # [GB]
-LEAST_SHARED: Final = 128.0  # [MB]
+LIMIT: Final = 120.0  # longest time to draw a picture in another process [s]
+LEAST_DISK: Final = 2.0  # least free disk space [GB]
+LEAST_MEMORY: Final = 2.0  # least free memory [GB]
+LEAST_SHARED: Final = 128.0  # least shared memory [MB]
 _PICTURE: Final = """
 from pydrake.geometry import (ClippingRange, ColorRenderCamera, DepthRange, DepthRenderCamera, MakeRenderEngineVtk,
     RenderCameraCore, RenderEngineVtkParams, SceneGraph)
@@ -39,9 +42,9 @@ assert image.data.shape == (16, 16, 4)
 
 
 class Finding(NamedTuple):
-    """A thing's name, whether it is as it must be, its weight, what was found, and how to mend it and what for.
+    """The result of a check: the name, whether it passed, its weight, what was found, and the remedy with its purpose.
 
-    The weight is 'needed' to fly, or 'wanted' for something more.
+    The weight is 'needed' (to fly) or 'wanted' (for more features).
     """
 
     name: str
@@ -52,7 +55,7 @@ class Finding(NamedTuple):
 
 
 def _installed(package: str) -> str:
-    """Return the version of an installed package; empty if it is not there."""
+    """Return the version of an installed package; empty if the package is missing."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -68,7 +71,7 @@ def system() -> str:
 
 
 def machine() -> Finding:
-    """Name the system; native Windows is refused, as Drake has no wheels for it."""
+    """Check the operating system; native Windows fails, because Drake has no wheels for it."""
     name = system()
     in_container = any(Path(mark).exists() for mark in ("/.dockerenv", "/run/.containerenv"))  # Docker's, Podman's
     found = f"{name} {platform.machine()}{', in a container' if in_container else ''}"
@@ -77,19 +80,19 @@ def machine() -> Finding:
 
 
 def python() -> Finding:
-    """Look at Python's version."""
+    """Check the version of Python."""
     found = ".".join(map(str, sys.version_info[:3]))
     return Finding("Python", sys.version_info >= (3, 11), NEEDED, found, "install Python 3.11 or later")
 
 
 def drake() -> Finding:
-    """Look at Drake's version."""
+    """Check the version of Drake."""
     found = _installed("drake")
     return Finding("Drake", bool(found), NEEDED, found or "not installed", "pip install drake")
 
 
 def pictures() -> Finding:
-    """Draw a small picture in another process, whose crash would end that one alone."""
+    """Draw a small picture in another process, so that a crash ends only that process."""
     mend = "apt-get install libegl1 libgl1 libgl1-mesa-dri; until then fly with --camera projected"
     if system() == "macOS":
         mend = "it needs a session with a screen; until then fly with --camera projected"
@@ -104,7 +107,7 @@ def pictures() -> Finding:
 
 
 def opencv() -> Finding:
-    """Look for one OpenCV: several of its packages overwrite each other's files."""
+    """Check that there is exactly one package of OpenCV: several overwrite each other's files."""
     names = ("opencv-python-headless", "opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless")
     there = [f"{name} {_installed(name)}" for name in names if _installed(name)]
     mend = "keep one: pip uninstall the others, then pip install --force-reinstall it"
@@ -124,7 +127,7 @@ def shared_memory() -> Finding:
 
 
 def kernels() -> Finding:
-    """Look whether compiled functions can be kept; if not, every process compiles for half a minute."""
+    """Check that compiled functions can be kept; if not, every process compiles for half a minute."""
     own = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(own) if own else Path(__file__).parents[1]
     kept = os.access(folder if folder.exists() else folder.parent, os.W_OK)
@@ -132,7 +135,7 @@ def kernels() -> Finding:
     return Finding("compiled functions kept", kept, WANTED, str(folder), mend)
 
 
-# What a package of an extra is for.
+# The packages of extras, and the purpose of each.
 PACKAGES: Final = (
     ("onnxruntime", "onnxruntime", "onnx", "detects objects twice as fast as OpenCV"),
     ("logs and bags", "mcap", "log", "ortilo fly --log DIR, ortilo replay"),
@@ -150,21 +153,21 @@ def _package(name: str, package: str, extra: str, what_for: str) -> Finding:
 
 
 def ros() -> Finding:
-    """Look for ROS 2."""
+    """Check for ROS 2."""
     there = importlib.util.find_spec("rclpy") is not None
     mend = "source an installation, or pip install 'ortilo-drake[ros2]' on Python 3.11: ortilo hil bridge"
     return Finding("ROS 2", there, WANTED, "rclpy" if there else "not installed", mend)
 
 
 def graphviz() -> Finding:
-    """Look for Graphviz."""
+    """Check for Graphviz."""
     found = shutil.which("dot")
     mend = f"{'brew' if system() == 'macOS' else 'apt-get'} install graphviz: ortilo diagram"
     return Finding("Graphviz", bool(found), WANTED, found or "no dot", mend)
 
 
 def browser() -> Finding:
-    """Look for a browser on this machine."""
+    """Check for a browser on this machine."""
     names = ("xdg-open", "open", "firefox", "chromium", "chromium-browser", "google-chrome")
     found = next((name for name in names if shutil.which(name)), "")
     mend = "pages are single files: open them on another machine"
@@ -172,7 +175,7 @@ def browser() -> Finding:
 
 
 def encrypted_link() -> Finding:
-    """Look whether the halves of hardware in the loop can talk, encrypted."""
+    """Check that the halves of hardware in the loop can communicate with encryption."""
     import zmq
 
     there = f"ZeroMQ {zmq.zmq_version()}"
@@ -188,8 +191,8 @@ def cores() -> Finding:
 
 
 def memory() -> Finding:
-    """Look how much memory is free."""
-    known = "SC_AVPHYS_PAGES" if "SC_AVPHYS_PAGES" in os.sysconf_names else "SC_PHYS_PAGES"  # macOS knows only all
+    """Check the amount of free memory."""
+    known = "SC_AVPHYS_PAGES" if "SC_AVPHYS_PAGES" in os.sysconf_names else "SC_PHYS_PAGES"  # macOS: only total memory
     free = os.sysconf(known) * os.sysconf("SC_PAGE_SIZE") / 1e9
     mend = f"a flight with pictures takes {LEAST_MEMORY:.0f} GB"
     return Finding("memory", free > LEAST_MEMORY, WANTED, f"{free:.1f} GB free", mend)

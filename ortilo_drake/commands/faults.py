@@ -1,4 +1,4 @@
-"""The command `ortilo faults`: faults in flight, and each estimator's answer to them."""
+"""The command `ortilo faults`: faults in flight, and how each estimator copes with them."""
 
 import os
 from functools import partial
@@ -57,7 +57,7 @@ def faults(
         return load_scenario(scenario, (*laid_over, *under))
 
     vary = [partial(varied, scenario) for scenario in scenarios or DEFAULT_SCENARIOS]
-    flown = [make((("faults", []),)).name for make in vary]  # refuses wrong settings before anything is flown
+    flown = [make((("faults", []),)).name for make in vary]  # reports wrong settings before any flight
     if len(set(flown)) != len(flown):
         raise InputError(f"SCENARIO: {', '.join(flown)}: must differ by name")
     report, figure = out_folder / "faults.md", figure_file(out_folder, "faults")

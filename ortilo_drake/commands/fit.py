@@ -1,4 +1,4 @@
-"""The command `ortilo fit`: the errors of simulated sensors, from recordings with a truth."""
+"""The command `ortilo fit`: the errors of simulated sensors, fitted to recordings with a true path."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -50,7 +50,7 @@ def fit(
     if scenario_file is not None and out_file.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out: {out_file}: must end in .yaml, for the scenario names it")
     map_ = load_map(map_file)
-    read = [read_recording(path, map_) for path in recordings]  # refuses what is wrong before anything is fitted
+    read = [read_recording(path, map_) for path in recordings]  # reports wrong recordings before any fit
     terminal.say_if_compiling()
     with terminal.bar("fitting") as update:
         found = fit_recordings(read, map_, places, lambda part: update(description=part, advance=1))
@@ -64,7 +64,7 @@ def fit(
 
 
 def check_apart(read: Mapping[str, Sequence[Path]], written: Mapping[str, Path | None]) -> None:
-    """Raise InputError if a file that is written, by its option, is one that is read, or that another option writes."""
+    """Raise InputError if an option would write a file that is also read, or that another option writes."""
     taken = {os.path.realpath(file): option for option, files in read.items() for file in files}
     for option, file in written.items():
         if file is not None:

@@ -1,4 +1,4 @@
-"""The command `ortilo fly`: one flight."""
+"""The command `ortilo fly`: a single flight."""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +12,7 @@ from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
 
-LOST = 3  # exit code of a flight that was lost
+LOST = 3  # exit code of a lost flight
 
 
 def _print_flight(
@@ -64,7 +64,7 @@ def _rows(result: Summary) -> dict[str, str]:
 
 
 def _loss_rows(scenario: Scenario, result: Summary) -> dict[str, str]:
-    """Return the random losses of the scenario beside the share of due fixes that was missing, whatever lost it."""
+    """Return rows with each link's random loss and the share of its due fixes that were missing for any reason."""
     from ortilo_drake.scenario.loss_chain import mean_loss
 
     asked = {sensor: mean_loss(scenario.link_of(sensor).loss, scenario.h) for sensor in result.arrivals}
@@ -118,7 +118,7 @@ def fly(
         if asked and player not in (options.PlayerName.fastest, options.PlayerName.drake):
             raise InputError(f"--player: {player}: does not take {option}, for which 'drake' flies")
     terminal.check_writable(html, video, out_file, rerun)
-    # Imported only now and as needed: Drake, numba and matplotlib take seconds; a wrong argument fails at once.
+    # Imported only now and as needed: Drake, numba and matplotlib take seconds, and a wrong argument must fail at once.
     from ortilo_drake.flight.blackouts import in_blackout
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.metrics import summary
@@ -139,7 +139,7 @@ def fly(
 
         check_recording(rerun)
         recorder = SightingsRecorder(chosen)
-    ticks = flight_ticks(chosen)  # refuses what has no path, in one line, before there are warnings
+    ticks = flight_ticks(chosen)  # reports a missing path, in one line, before any warning
     terminal.say_warnings(cautions(chosen, scenario, settings))
     terminal.say_if_compiling()
 

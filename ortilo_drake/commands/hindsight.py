@@ -1,4 +1,4 @@
-"""The command `ortilo hindsight`: the best that could have been known of a flight or a log."""
+"""The command `ortilo hindsight`: the best estimate of a flight or a log that all its measurements allow."""
 
 import os
 from pathlib import Path
@@ -39,7 +39,7 @@ def hindsight(
     is_log = log.is_dir() or log.suffix == ".mcap"
     if is_log and (laid_over or flights is not None or workers is not None):
         raise InputError(f"{log}: is a log: --flights, --camera, --workers and --set are for scenarios")
-    scenario = None if is_log else load_scenario(flown, laid_over)  # refuses wrong settings before anything is flown
+    scenario = None if is_log else load_scenario(flown, laid_over)  # reports wrong settings before any flight
     from ortilo_drake.studies.hindsight.hindsight import fly_in_hindsight, hindsight_text, in_hindsight, study_of
     from ortilo_drake.studies.hindsight.recorded_flight import read_recorded
 

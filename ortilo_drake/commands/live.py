@@ -1,4 +1,4 @@
-"""The command `ortilo live`: a flight whose user changes the world."""
+"""The command `ortilo live`: a flight during which the user changes the world."""
 
 import contextlib
 from typing import Annotated
@@ -52,7 +52,7 @@ def live(
     lamps = unwired(chosen.sensors)
     scene = Scene(meshcat, room, chosen.vehicle, lamps)
     status: Status | None = None
-    readings = b"null"  # until the first tick
+    readings = b"null"  # no readings before the first tick
 
     def show(now: Status) -> None:
         nonlocal status, readings
@@ -73,6 +73,6 @@ def live(
                 wait_for_page(meshcat.GetNumActiveConnections)
             with Live(console=err, refresh_per_second=8, transient=True) as shown, GoalPlanner(chosen) as planner:
                 fly_live(chosen, planner, controls, scene, show)
-    except RuntimeError as error:  # of Drake: its Meshcat's thread has ended, its renderer cannot draw
+    except RuntimeError as error:  # from Drake: Meshcat's thread has ended, or the renderer cannot draw
         raise InputError(f"the flight ended: {error}") from None
     say(status.line() if status else "not flown")

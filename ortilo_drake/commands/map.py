@@ -30,7 +30,7 @@ def map_(
 
     sweep = load_sweep(sweep_file)
     doubted: list[str] = []
-    for point in points_of(sweep):  # refuses wrong settings before anything is flown
+    for point in points_of(sweep):  # reports wrong settings before any flight
         doubted = believed_noise(scenario_at(sweep, point, str(sweep_file))) or doubted
     terminal.say_warnings(doubted)
     report, table, figure = out_folder / "map.md", out_folder / "map.csv", figure_file(out_folder, "map")

@@ -15,7 +15,7 @@ from ortilo_drake.views.pictures import check_picture
 
 
 def scenarios_from(begun: str) -> list[str]:
-    """Return the ready-made scenarios whose names begin so; the shell completes files where there are none."""
+    """Return the ready-made scenarios whose names begin with `begun`; if there are none, the shell completes files."""
     return [name for name in scenario_names() if name.startswith(begun)]
 
 
@@ -30,7 +30,7 @@ SeedOption = Annotated[int | None, typer.Option(help="Seed of all noise; by defa
 
 
 def _of_workers(number: int | None) -> int | None:
-    """Refuse several processes where what starts them is not installed."""
+    """Raise InputError for more than one process if the package that starts processes is missing; return the number."""
     if number is not None and number > 1:
         from ortilo_drake.model.optional import EXTRAS, check_installed
 
@@ -44,12 +44,12 @@ WorkersOption = Annotated[
 
 
 def picture_option(said: str) -> Any:
-    """An option that names a figure's file; its help begins with the figure's content."""
+    """Return an option that names a figure's file; its help begins with `said`."""
     return typer.Option(help=f"{said}, .png, .svg or .pdf.", callback=_of_picture)
 
 
 def _of_picture(file: Path | None) -> Path | None:
-    """Refuse a file of an ending that no figure has, or that cannot be written, before any work is done."""
+    """Raise InputError, before any work, if a figure cannot have this file's ending or the file cannot be written."""
     if file is not None:
         check_picture(file)
     return _to_write(file)
@@ -62,7 +62,7 @@ def _to_write(file: Path | None) -> Path | None:
 
 
 def yaml_option(said: str) -> Any:
-    """The option --out of a YAML file."""
+    """Return the option --out for a YAML file."""
     return typer.Option("--out", help=said, callback=_of_yaml)
 
 
@@ -81,7 +81,7 @@ JsonOption = Annotated[Path | None, _JSON]
 
 
 def finite(value: float | None) -> float | None:
-    """Refuse NaN and infinity on the command line, which Typer's ranges let through."""
+    """Refuse NaN and infinity on the command line, which Typer's ranges accept."""
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"must be a finite number, not {value}")
     return value
@@ -95,7 +95,7 @@ class Camera(StrEnum):
 
 
 class PlayerName(StrEnum):
-    """The players that can fly a scenario, see flight/players.py."""
+    """The players that can fly a scenario (flight/players.py)."""
 
     fastest = "fastest"
     engine = "engine"
@@ -126,7 +126,7 @@ OnnxOption = Annotated[Path | None, typer.Option("--onnx", help="Use this YOLOv5
 def with_camera(
     settings: list[str] | None, camera: Camera | None, detector: tuple[Path, Path] | None, onnx: Path | None = None
 ) -> tuple[str, ...]:
-    """Return the settings with the camera's laid over them; a detector of the user's needs the rendered camera."""
+    """Return the settings with the options of camera and detector laid over; a user's detector renders pictures."""
     chosen = list(settings or ())
     if camera is not None:
         chosen.append(f"camera.kind={camera.value}")

@@ -1,4 +1,4 @@
-"""The command `ortilo predict`: recorded flights flown again in simulation, with fitted errors and white noise."""
+"""The command `ortilo predict`: simulations of recorded flights, with fitted errors and with white noise."""
 
 from pathlib import Path
 from typing import Annotated
@@ -34,7 +34,7 @@ def predict(
     from ortilo_drake.studies.predict.predicted_report import predicted_figure, predicted_text
 
     map_, errors = load_map(map_file), load_noise(noise)
-    read = [read_recording(path, map_) for path in recordings]  # refuses what is wrong before anything is flown
+    read = [read_recording(path, map_) for path in recordings]  # reports wrong recordings before any flight
     names = [recording.name for recording in read]
     if len(set(names)) < len(names):
         raise InputError(f"{', '.join(names)}: two folders of one name would be one flight; rename one")

@@ -15,7 +15,7 @@ from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 
 
 class Origin(StrEnum):
-    """What the distance is measured from."""
+    """The point from which the distance is measured."""
 
     reference = "reference"
     path = "path"

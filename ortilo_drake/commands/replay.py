@@ -1,4 +1,4 @@
-"""The command `ortilo replay`: a log flown again by the onboard half, or anybody's recording by the filter for it."""
+"""The command `ortilo replay`: it flies a log again with the onboard half, or filters anyone's recording."""
 
 from pathlib import Path
 from typing import Annotated
@@ -53,7 +53,7 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
     map_ = load_map(map_file)
     if map_.truth is not None:
         check_installed("evo", "recorded")
-    recordings = [read_recording(path, map_) for path in paths]  # refuses what is wrong before anything runs
+    recordings = [read_recording(path, map_) for path in paths]  # reports wrong recordings before any work
     names = [recording.name for recording in recordings]
     if len(set(names)) < len(names):
         raise InputError(f"{', '.join(names)}: two folders of one name would write one figure; rename one")

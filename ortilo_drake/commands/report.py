@@ -1,4 +1,4 @@
-"""The command `ortilo report`: one page of another command's results."""
+"""The command `ortilo report`: one page with another command's results."""
 
 import os.path
 from pathlib import Path
@@ -32,7 +32,7 @@ def report(
             return
     page = html or (path / "report.html" if os.path.isdir(path) else path.with_name(f"{path.stem}.html"))
     check_writable(page)
-    if os.path.realpath(page) == os.path.realpath(path):  # Path.resolve raises where links lead in a circle
+    if os.path.realpath(page) == os.path.realpath(path):  # Path.resolve would raise if links lead in a circle
         raise InputError(f"--out {page}: is the file to report on")
     if path.suffix == ".nc":
         from ortilo_drake.flight.saved_flight import load_flight
@@ -48,7 +48,7 @@ def report(
 
 
 def _write_recording(path: Path, rerun: Path) -> None:
-    """Write the flight of a .nc as a recording for the Rerun viewer."""
+    """Write the flight in a .nc file as a recording for the Rerun viewer."""
     if path.suffix != ".nc":
         raise InputError(f"--rerun: {path}: only a flight's .nc has a recording")
     check_writable(rerun)

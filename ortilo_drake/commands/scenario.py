@@ -24,7 +24,7 @@ scenario_app = typer.Typer(help="List, show and check scenarios and their settin
 def list_scenarios() -> None:
     """List the ready-made scenarios with the first line of their description."""
     for name in scenario_names():
-        _, first, *_ = read_text(SCENARIO_FOLDER / f"{name}.yaml").splitlines()  # behind the line for editors
+        _, first, *_ = read_text(SCENARIO_FOLDER / f"{name}.yaml").splitlines()  # the first line is for editors
         out.print(f"[bold]{name:23}[/bold]{first.removeprefix('#').strip()}", soft_wrap=True)
 
 
@@ -80,7 +80,7 @@ def list_keys(
     rows = [(k.key, k.allowed, k.unit, k.default, f"{k.kind}: {k.meaning}" if k.kind else k.meaning) for k in found]
     if not out.is_terminal:
         for row in (("key", "allowed", "unit", "default", "meaning"), *rows):
-            typer.echo("\t".join(row))  # Rich makes spaces of tabs
+            typer.echo("\t".join(row))  # Rich would replace tabs by spaces
         return
     for key, allowed, unit, default, meaning in rows:  # no table: 80 columns would cut the keys short
         facts = [allowed, f"[{unit}]" if unit else "", "needed" if default == "needed" else f"default {default}"]

@@ -26,7 +26,7 @@ def sensitivity(
     projected. Flights already in the folder are kept, so an interrupted run continues where it stopped.
     """
     laid_over = tuple(settings or ())
-    name = load_scenario(scenario, laid_over).name  # refuses wrong settings before anything is flown
+    name = load_scenario(scenario, laid_over).name  # reports wrong settings before any flight
     report, figure = out_folder / f"{name}.md", figure_file(out_folder, name)
     check_writable(report, figure)
     from ortilo_drake.flight.processes.workers import kept_workers

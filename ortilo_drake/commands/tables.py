@@ -1,4 +1,4 @@
-"""The command `ortilo tables`: the paper's tables beside ours."""
+"""The command `ortilo tables`: the paper's tables next to ours."""
 
 import os
 from enum import StrEnum
@@ -13,7 +13,7 @@ from ortilo_drake.views.pictures import figure_file
 
 
 class Preset(StrEnum):
-    """The filter that the tables fly with, and the velocities that the servo gets."""
+    """The filter of the flights, and the velocities that the servo gets."""
 
     tuned = "tuned"
     nominal = "nominal"
@@ -59,7 +59,7 @@ def tables(
     from ortilo_drake.studies.paper_tables.report import table_text
     from ortilo_drake.studies.paper_tables.tables import make_tables
 
-    of_cameras = options.with_camera(None, camera, detector, onnx)  # so that the flights without one stay the same
+    of_cameras = options.with_camera(None, camera, detector, onnx)  # kept apart: flights without a camera stay the same
     chosen = scenarios_of_tables(preset.value, settings or (), of_cameras, beside or (), only)
     check_writable(out_folder / f"tables_{preset.value}.md")
     say_if_compiling()
@@ -72,7 +72,7 @@ def tables(
 
     for flown in chosen.values():
         choose(flown, player)
-        make_closed_loop(flown)  # refuses a wrong detector or a missing renderer before anything is flown
+        make_closed_loop(flown)  # reports a wrong detector or a missing renderer before any flight
     count = workers or os.cpu_count() or 1
     with progress_bar() as progress:
         tasks = {name: progress.add_task(flown.name, total=flights) for name, flown in chosen.items()}

@@ -1,4 +1,4 @@
-"""The terminal: where commands print, their progress bars, and checks before anything runs."""
+"""The terminal: output of commands, progress bars, and checks before any work."""
 
 import json
 import os
@@ -27,18 +27,18 @@ from ortilo_drake.views.page.shell import versions
 # Results go to stdout, progress and errors to stderr.
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
-PACE_OVER = 600.0  # over which a bar takes the pace; parts of a study may come in minutes apart [s]
-SAID_EVERY = 5.0  # how often long work says how far it is where there is no bar [s]
+PACE_OVER = 600.0  # time over which a bar averages the speed; parts of a study may arrive minutes apart [s]
+SAID_EVERY = 5.0  # interval between lines of progress where there is no bar [s]
 
 
 def write_json(path: Path | None, report: Any) -> None:
-    """Write a report to a JSON file, if there is one, in plain data."""
+    """Write a report as plain data to a JSON file, if a file is given."""
     if path is not None:
         write_text(path, json.dumps(as_data(report), indent=2, allow_nan=False) + "\n")
 
 
 def check_writable(*paths: Path | None) -> None:
-    """Refuse a file that cannot be written before any work is done; InputError names the file and why."""
+    """Raise InputError, before any work, if a file cannot be written; the error names the file and the reason."""
     for path in paths:
         if path is not None:
             check_output(path)
@@ -52,11 +52,11 @@ def progress_bar() -> Progress:
 
 @contextmanager
 def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int | None], None]]:
-    """Show the progress of flights, or `what` else, and the time to go; yield a function of (done, at most).
+    """Show the progress of flights, or of `what`, and the time left; yield a function of (done, most).
 
-    Where it is not known yet how many there will be, at most is None and no time is told. What was done before that,
-    or was kept, says nothing of the pace.
-    In a terminal it is a bar; elsewhere a line on stderr every SAID_EVERY seconds.
+    While the number is not known yet, `most` is None and no time is shown. Flights done until then, or kept from an
+    earlier run, do not count for the speed. In a terminal the progress is a bar, elsewhere a line on stderr every
+    SAID_EVERY seconds.
     """
     began: tuple[int, float] | None = None
     said = time.monotonic()
@@ -66,7 +66,7 @@ def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int | None],
         def advance(done: int, total: int | None) -> None:
             nonlocal began, said
             now = time.monotonic()
-            first, start = began = began if began and total is not None else (done, now)  # the pace from then on
+            first, start = began = began if began and total is not None else (done, now)  # the speed counts from here
             progress.update(task, completed=done, total=total)
             if err.is_terminal or now - said < SAID_EVERY:
                 return
@@ -82,25 +82,25 @@ def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int | None],
 
 @contextmanager
 def bar(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-    """Show a progress bar; yield its update, by the names of Rich's: advance, completed, total, description."""
+    """Show a progress bar; yield its update function, with Rich's arguments advance, completed, total, description."""
     with progress_bar() as progress:
         yield partial(progress.update, progress.add_task(what, total=total))
 
 
 def made_by() -> str:
-    """Return a report's last lines: the command that made it, and with which versions."""
+    """Return the last lines of a report: the command that made the report, and the versions."""
     return f"\nMade by `{shlex.join(['ortilo', *sys.argv[1:]])}` with {versions()}.\n"
 
 
 def say_written(*paths: Path | None) -> None:
-    """Say which files were written."""
+    """Print the names of the files that were written; None is left out."""
     for path in paths:
         if path is not None:
             say(f"  wrote {path}")
 
 
 def hand_over(text: str, report: Path, data: Any, json_file: Path | None, *figures: Path | None) -> None:
-    """Write a study's report and its data, print the report, and say which files there are; figures were drawn."""
+    """Write a study's report and data, print the report and the names of all files; the figures are already written."""
     write_text(report, text + made_by())
     write_json(json_file, data)
     show_markdown(text)
@@ -108,18 +108,18 @@ def hand_over(text: str, report: Path, data: Any, json_file: Path | None, *figur
 
 
 def say(line: str, end: str = "\n") -> None:
-    """Print a line on stdout, as it is."""
+    """Print a line on stdout, without markup."""
     out.print(line, markup=False, soft_wrap=True, end=end)
 
 
 def say_lines(lines: Iterable[str]) -> None:
-    """Print lines below a heading, each as it is."""
+    """Print lines, indented below a heading, without markup."""
     for line in lines:
         say(f"  {line}")
 
 
 def say_if_compiling() -> None:
-    """Say that the first flight of an installation compiles its functions, if nothing compiled is kept yet."""
+    """Print that the first flight of an installation compiles its functions, unless compiled functions are kept."""
     own = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(own) if own else Path(__file__).parents[1]
     if next(folder.rglob("*.nbi"), None) is None:
@@ -127,21 +127,21 @@ def say_if_compiling() -> None:
 
 
 def say_error(line: str) -> None:
-    """Say a line on stderr, as it is."""
+    """Print a line on stderr, without markup."""
     err.print(line, markup=False, soft_wrap=True)
 
 
-DOUBTFUL = 3  # exit code of a result that stands but is doubtful, and of a check with warnings
+DOUBTFUL = 3  # exit code of a doubtful result, and of a check with warnings
 
 
 def say_warnings(lines: Iterable[str]) -> None:
-    """Warn on stderr of settings that are hardly meant; the scenario is flown all the same."""
+    """Print warnings on stderr about settings that are probably mistakes; the scenario flies nevertheless."""
     for line in lines:
         say_error(f"warning  {line}")
 
 
 def say_heading(name: str, rest: str = "") -> None:
-    """Print a name in bold and what follows it; a name such as `[/x]` is no markup."""
+    """Print a name in bold and the text after it; a name such as `[/x]` is not read as markup."""
     out.print(Text.assemble((one_line(name), "bold"), rest), soft_wrap=True)
 
 
@@ -159,7 +159,7 @@ def show_rows(rows: dict[str, str]) -> None:
 
 
 def show_markdown(text: str) -> None:
-    """Print Markdown: as it is when piped; in a terminal with its tables drawn and its heading as the first line."""
+    """Print Markdown: unchanged when piped; in a terminal with drawn tables and the heading as the first line."""
     if out.is_terminal:
         heading, _, rest = text.partition("\n") if text.startswith("# ") else ("", "", text)
         if heading:
@@ -170,7 +170,7 @@ def show_markdown(text: str) -> None:
 
 
 def show_report(report: Any) -> None:
-    """Print a report, a line for each entry."""
+    """Print a report, one line for each entry."""
     for name, value in as_data(report).items():
         if isinstance(value, dict):
             value = ", ".join(f"{key} {_number(part)}" for key, part in value.items() if not isinstance(part, dict))
@@ -183,5 +183,5 @@ def _number(value: Any) -> str:
 
 
 def three_digits(value: float) -> str:
-    """A number of three digits, without an exponent from 1e-4 to 1e6: 1370 for 1373.2."""
+    """Return a number with three digits, without an exponent from 1e-4 to 1e6: 1370 for 1373.2."""
     return f"{float(f'{value:.3g}'):g}"

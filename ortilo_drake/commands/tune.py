@@ -1,4 +1,4 @@
-"""The command `ortilo tune`: W and V from recorded flights."""
+"""The command `ortilo tune`: it fits W and V to recorded flights."""
 
 import os
 from enum import StrEnum
@@ -61,7 +61,7 @@ def _print_check(check: "Check") -> None:
 
 
 class FitBy(StrEnum):
-    """The criterion by which the noise of recorded motions is fitted."""
+    """The criterion for fitting the noise of recorded motions."""
 
     innovations = "innovations"
     truth = "truth"
@@ -123,7 +123,7 @@ def _tune_by_flights(
 
         found = search_by_flights(search, str(files[0]), kept, workers or os.cpu_count() or 1, show)
     if out_file is not None:
-        # A file that is named lies where the search lies, or elsewhere: the result must find it from where it is.
+        # The result may lie in another folder than the search's scenario file: name the file by its absolute path.
         base = os.path.realpath(search.scenario) if search.scenario.endswith((".yaml", ".yml")) else search.scenario
         write_text(out_file, found_text(found, base))
     terminal.write_json(json_file, found)

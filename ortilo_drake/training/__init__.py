@@ -1,1 +1,1 @@
-"""Making of the shipped detector: auto-labelled renders, training, evaluation, export, calibration."""
+"""How the shipped detector is made: auto-labelled renders, training, evaluation, export, calibration."""

@@ -1,4 +1,4 @@
-"""The commands `ortilo hil`: the two halves as processes, a relay between them, and listeners."""
+"""The commands `ortilo hil`: the two halves as processes, a relay between them, and programs that listen to them."""
 
 import typer
 
@@ -15,4 +15,4 @@ hil_app = typer.Typer(
 )
 for command in (world, onboard, check, relay, bridge, key):
     hil_app.command()(command)
-hil_app.command(context_settings={"ignore_unknown_options": True})(goal)  # -2 is a number, no option
+hil_app.command(context_settings={"ignore_unknown_options": True})(goal)  # -2 is a number, not an option

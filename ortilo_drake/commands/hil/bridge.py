@@ -1,4 +1,4 @@
-"""The command `ortilo hil bridge`: a simulated flight, or real sensors, passed on to ROS 2 and MAVLink."""
+"""The command `ortilo hil bridge`: it passes a simulated flight, or real sensors, on to ROS 2 and MAVLink."""
 
 import contextlib
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The command `ortilo hil check`: a flight of both halves on this machine, and a report of it."""
+"""The command `ortilo hil check`: a flight of both halves on this machine, and a report on the flight."""
 
 import contextlib
 import json
@@ -33,11 +33,11 @@ from ortilo_drake.commands.terminal import (
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
-AFTERWARDS = 20.0  # how long the onboard half may take to end after the flight [s]
+AFTERWARDS = 20.0  # longest time for the onboard half to end after the flight [s]
 
 
 def _bus_of_our_own() -> str:
-    """Return the URL of a bus on this machine that no flight uses, so that two checks at once do not meet."""
+    """Return the URL of an unused bus on this machine, so that two checks at once do not meet."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return f"tcp://127.0.0.1:{free.getsockname()[1]}"
@@ -45,7 +45,7 @@ def _bus_of_our_own() -> str:
 
 @contextlib.contextmanager
 def _other_half(scenario: Scenario, url: str, key: bytes, wait: float) -> Iterator[Callable[[], None]]:
-    """Run `ortilo hil onboard` beside this process; yield a check that raises InputError once it has failed."""
+    """Run `ortilo hil onboard` in another process; yield a check that raises InputError if that process failed."""
     with tempfile.TemporaryDirectory() as folder:
         import yaml
 
@@ -58,7 +58,7 @@ def _other_half(scenario: Scenario, url: str, key: bytes, wait: float) -> Iterat
         pipe = subprocess.PIPE
         with subprocess.Popen(command, stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe, text=True) as process:
             assert process.stdin is not None
-            with contextlib.suppress(BrokenPipeError):  # it has ended already, see check_alive
+            with contextlib.suppress(BrokenPipeError):  # the process has already ended, see check_alive
                 process.stdin.write(f"{key.hex()}\n")
                 process.stdin.close()
             process.stdin = None  # communicate would flush it
@@ -136,8 +136,8 @@ def check_verdict(report: Mapping[str, Any], h: float) -> str:
     """Return the verdict of `ortilo hil check`, for a reader who has not seen the figures yet.
 
     Args:
-        report: what the command writes as JSON; 'identical' is None of a flight in real time.
-        h: a tick [s].
+        report: the data that the command writes as JSON; 'identical' is None for a flight in real time.
+        h: length of a tick [s].
     """
     lost, ticks = report["lost"], report["ticks"]
     end = f"lost at {lost['time']:.1f} s: {lost['cause']}" if lost else f"flew {(ticks - 1) * h:.1f} s, not lost"

@@ -1,4 +1,4 @@
-"""The command `ortilo hil goal`: another goal for a flight under way."""
+"""The command `ortilo hil goal`: it sends another goal to a flight under way."""
 
 from typing import Annotated
 

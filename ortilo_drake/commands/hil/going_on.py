@@ -1,4 +1,4 @@
-"""What lets a bridge that is killed in flight be followed by one that goes on."""
+"""Functions by which a new bridge can continue after a bridge was killed in flight."""
 
 import signal
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def interrupt_once(number: int, frame: FrameType | None) -> None:
-    """Interrupt at the first Ctrl-C alone: a terminal and the parent process both send one."""
+    """Interrupt only at the first Ctrl-C: the terminal and the parent process both send one."""
     signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 
@@ -16,7 +16,7 @@ def interrupt_once(number: int, frame: FrameType | None) -> None:
 def kept_in(
     path: Path, map_: Any, bridge: Any, send: Callable[..., None], say: Callable[[str], None]
 ) -> Callable[..., None]:
-    """Let a bridge go on from the state in a file, and return a target that also keeps the state of what it sends."""
+    """Let a bridge continue from the state in a file; return a target that sends and also saves the state there."""
     from ortilo_drake.studies.live.kept_state import StateKeeper, load_state
 
     try:
@@ -31,7 +31,7 @@ def kept_in(
         keeper.keep(told.t, bridge.kept)
 
     def forget(told: Any, wanted: Any, resets: int) -> None:
-        if bridge.kept is None:  # the next begins without what is wrong, or is held by it again
+        if bridge.kept is None:  # the next bridge must not start from a wrong state
             keeper.keep(told.t, None)
 
     bridge.add_target("state", forget)

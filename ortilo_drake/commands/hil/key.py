@@ -1,4 +1,4 @@
-"""The command `ortilo hil key`: a secret for two machines."""
+"""The command `ortilo hil key`: it makes a secret key for two machines."""
 
 from pathlib import Path
 from typing import Annotated

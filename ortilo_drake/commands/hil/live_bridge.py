@@ -1,4 +1,4 @@
-"""`ortilo hil bridge --from`: real sensors, or a bag of theirs, through the filter of `ortilo replay`."""
+"""`ortilo hil bridge --from`: real sensors, or a recorded bag, through the filter of `ortilo replay`."""
 
 import contextlib
 import math
@@ -19,7 +19,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 ROS2 = "ros2"
-LEAST = 30.0  # estimates that PX4 asks for [Hz]; it asks for no more than 50
+LEAST = 30.0  # rate of estimates that PX4 needs [Hz]; PX4 needs no more than 50
 
 
 @dataclass(frozen=True)
@@ -27,18 +27,18 @@ class LiveOptions:
     """The options that go with `--from`.
 
     Attributes:
-        source: 'ros2', or a bag.
-        map_file: MAP.yaml.
-        rate: of the estimates [Hz]; by default LEAST with MAVLink, else replay's own.
-        lag: how long a silent topic holds the others back [s].
-        speed: a bag is played so many times as fast as it was recorded; inf without waiting.
-        hold: place that is held, 'x,y,z' [m].
-        yaw: that is held [rad]; None holds the one that is estimated when setpoints begin.
-        arm: whether setpoints go to the autopilot.
-        hover_thrust: share of the largest thrust that hovers.
-        most_deviation: an estimate whose position's standard deviation is larger is not sent by MAVLink [m].
-        state_file: where the filter's state is kept, and gone on from; None for nowhere.
-        keep: whether a bridge that is killed is replaced at once.
+        source: 'ros2', or the path of a bag.
+        map_file: MAP.yaml, which says which topic is what.
+        rate: rate of the estimates [Hz]; by default LEAST with MAVLink, else the default of replay.
+        lag: longest time for which a silent topic delays the others [s].
+        speed: playing speed of a bag over its recorded speed; inf plays without waiting.
+        hold: position to hold, 'x,y,z' [m].
+        yaw: yaw to hold [rad]; None holds the yaw that is estimated when setpoints begin.
+        arm: whether setpoints are sent to the autopilot.
+        hover_thrust: share of the largest thrust at which the vehicle hovers.
+        most_deviation: largest standard deviation of the position with which an estimate is sent by MAVLink [m].
+        state_file: file in which the filter's state is saved, and from which a new bridge continues; None for none.
+        keep: whether a killed bridge is restarted at once.
     """
 
     source: str
@@ -56,10 +56,10 @@ class LiveOptions:
 
 
 def check_live(options: LiveOptions, mavlink: str | None, ros2: bool) -> tuple[float, ...] | None:
-    """Return the place that is to be held (3), None if none is.
+    """Return the position to hold (3) [m]; None if there is none.
 
     Raises:
-        InputError: if an option is missing, or does not fit another.
+        InputError: if an option is missing, or contradicts another.
     """
     if options.map_file is None:
         raise InputError("--map: is missing: MAP.yaml says which topic is what (docs/how_to/recorded.md)")
@@ -100,7 +100,7 @@ def run_live_bridge(
 ) -> None:
     """Run the bridge until its source ends, the time is over, or Ctrl-C; then print its report.
 
-    Its MAVLink messages have these system and component ids.
+    `ids` are the system and component id of its MAVLink messages.
     """
     place = check_live(options, mavlink, ros2)
     run = partial(_run, options, place, scenario, mavlink, vision, seconds, json_file, ids)
@@ -116,9 +116,9 @@ def run_live_bridge(
     LiveBridge(load_map(options.map_file), _say).warm_up()
     _warm_up_outputs()
     if options.source == ROS2:
-        with contextlib.suppress(ImportError):  # the first process says so
+        with contextlib.suppress(ImportError):  # the first process reports it
             import_module("rclpy")
-    with contextlib.suppress(KeyboardInterrupt):  # which the bridge has answered with its report
+    with contextlib.suppress(KeyboardInterrupt):  # the bridge has already printed its report
         keep_alive(run, _say, "bridge")
 
 
@@ -133,7 +133,7 @@ def _run(
     ids: tuple[int, int],
     killed: int,
 ) -> None:
-    """Run a bridge; if others were killed before it, the vehicle has left its start."""
+    """Run a bridge; if `killed` bridges ran before, the vehicle is no longer at its start."""
     from ortilo_drake.interop.mavlink import CRITICAL, NOTICE, WARNING, MavlinkBridge
     from ortilo_drake.interop.recorded.map_file import load_map
     from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
@@ -160,13 +160,13 @@ def _run(
         if mavlink is not None and rate < LEAST:
             _say(f"warning  --rate: {rate:g} Hz: PX4 asks for {LEAST:g} to 50 Hz, and may not fuse less")
         pace = 1.0 if options.source == ROS2 else options.speed
-        # A bag that nobody waits for has no wall clock: its estimates are as old as its stamps say.
+        # A bag that is played without waiting has no wall clock: the age of an estimate follows from its stamps.
         wall = (lambda: 0.0) if math.isinf(pace) else (lambda: pace * time.monotonic())
         bridge = LiveBridge(map_, say, rate, options.lag, holding, partial(say, severity=NOTICE), wall)
         if map_.truth is not None:
             _say("truth: is not heard live, and nothing is calibrated by it")
         if sender is not None:
-            # An autopilot fuses an estimate at its own stamp, a fraction of a second ago at most.
+            # An autopilot fuses an estimate at the estimate's stamp, at most a fraction of a second back.
             limits, send = Limits(options.most_deviation, MOST_YAW), _to_mavlink(sender, vision, options)
             if options.state_file is not None:
                 send = kept_in(options.state_file, map_, bridge, send, say)
@@ -210,7 +210,7 @@ def _run(
 
 
 def _checked(messages: Iterator[Any], bridge: Any, check_stamp: Callable[[float], None]) -> Iterator[Any]:
-    """Yield messages, and check the newest stamp after the bridge took each."""
+    """Yield messages; after the bridge took each one, check the newest stamp."""
     for message in messages:
         yield message
         if message is not None:
@@ -218,7 +218,7 @@ def _checked(messages: Iterator[Any], bridge: Any, check_stamp: Callable[[float]
 
 
 def _beating(messages: Iterator[Any], sender: Any) -> Iterator[Any]:
-    """Yield a bag's messages, with a heartbeat a second of it; live, TimesyncThread sends them."""
+    """Yield a bag's messages, and send a heartbeat each second of the bag; live, TimesyncThread sends heartbeats."""
     beat = -math.inf
     for message in messages:
         if message[1] >= beat:
@@ -228,7 +228,7 @@ def _beating(messages: Iterator[Any], sender: Any) -> Iterator[Any]:
 
 
 def _applies(value: Any) -> bool:
-    """Return whether a row of the report is printed: none without a value, nor an empty list of troubles."""
+    """Return whether a row of the report is printed: a row without a value, or with an empty list, is not."""
     return value is not None and value not in ("", {})
 
 
@@ -237,7 +237,7 @@ def _say(line: str) -> None:
 
 
 def _warm_up_outputs() -> None:
-    """Compile what makes messages of an estimate: at the first one the bridge would be deaf for seconds."""
+    """Compile the functions that make messages of an estimate, so that the first estimate does not wait for seconds."""
     import numpy as np
 
     from ortilo_drake.interop.mavlink import odometry_fields
@@ -252,7 +252,7 @@ def _warm_up_outputs() -> None:
 
 
 def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
-    """Return the line that says whether setpoints are sent, and when not."""
+    """Return a line that says whether and when setpoints are sent."""
     from ortilo_drake.studies.live.setpoints import NEAR
 
     if not options.arm:
@@ -265,7 +265,7 @@ def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
 
 
 def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[..., None]:
-    """Return a target that sends its estimates, and if armed what is asked for."""
+    """Return a target that sends every estimate by MAVLink, and every setpoint if armed."""
     from ortilo_drake.model.vehicle import GRAVITY
 
     first = math.nan
@@ -283,7 +283,7 @@ def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[...
 
 
 def _to_ros2(node: Any) -> Callable[..., None]:
-    """Return a target that publishes every estimate, and what is asked for."""
+    """Return a target that publishes every estimate and setpoint to ROS 2."""
 
     def send(told: Any, wanted: Any, lost: int) -> None:
         node.send_estimate(told.t, told.estimate, told.covariance)

@@ -1,4 +1,4 @@
-"""The command `ortilo hil onboard`: perception, filter, servo and planner as a process."""
+"""The command `ortilo hil onboard`: perception, filter, servo and planner in a process."""
 
 import contextlib
 import tempfile
@@ -29,7 +29,7 @@ from ortilo_drake.scenario import InputError, Scenario, load_scenario
 
 
 def _profile(scenario: Scenario, json_file: Path | None) -> None:
-    """Print, and write as JSON, which block of the onboard half spends the time."""
+    """Print, and write as JSON, the time that each block of the onboard half takes."""
     from ortilo_drake.hil.real_time.panel import profile_table
     from ortilo_drake.hil.real_time.profile import PROFILE_TICKS, profile_onboard
     from ortilo_drake.hil.real_time.warm_up import no_collecting

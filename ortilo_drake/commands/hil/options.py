@@ -1,4 +1,4 @@
-"""Options of `ortilo hil`, and the display of a flight while it lasts."""
+"""Options of `ortilo hil`, and the display of a running flight."""
 
 import contextlib
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ SecondsOption = Annotated[
 
 @contextlib.contextmanager
 def showing_flight(name: str, ticks: int, lockstep: bool) -> Iterator[dict[str, Any]]:
-    """Show a flight in the terminal, by a bar in lockstep, else by a panel; yield run_world's arguments for that."""
+    """Show a flight in the terminal, as a bar in lockstep, else as a panel; yield the arguments of run_world for it."""
     from ortilo_drake.hil.real_time.panel import live_panel
 
     if lockstep:

@@ -1,4 +1,4 @@
-"""The command `ortilo hil relay`: a bad link between the halves."""
+"""The command `ortilo hil relay`: a faulty link between the halves."""
 
 from typing import Annotated
 

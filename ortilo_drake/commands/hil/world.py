@@ -1,4 +1,4 @@
-"""The command `ortilo hil world`: plant, sensors, link and camera as a process."""
+"""The command `ortilo hil world`: plant, sensors, link and camera in a process."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""The command `ortilo room check`: is a room file right?"""
+"""The command `ortilo room check`: it lists the errors of a room file."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""The command `ortilo room coverage`: where will this room lose you?"""
+"""The command `ortilo room coverage`: it finds the places where a room loses a vehicle."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
@@ -55,7 +55,7 @@ def coverage(
 
 
 def _along_the_way(found: "Coverage", scenario: "Scenario") -> Iterator[str]:
-    """Yield the ranges of what there is for the sensors that fly."""
+    """Yield lines with the ranges of what the sensors that fly can measure along the path."""
     along = found.along
     if scenario.measures_ranges:
         yield f"{'anchors in sight':20}{along.anchors.min()} to {along.anchors.max()}"

@@ -1,4 +1,4 @@
-"""The command `ortilo room new`: a first file of a room of your own."""
+"""The command `ortilo room new`: it writes a first file for a room of your own."""
 
 import re
 from pathlib import Path
@@ -30,19 +30,19 @@ def new(
 
 
 def check_new(file: Path, force: bool) -> None:
-    """Refuse a file that exists, unless forced, or that cannot be written; InputError names it."""
+    """Raise InputError, naming the file, if it cannot be written, or exists and `force` is false."""
     if exists(file) and not force:
         raise InputError(f"{file}: is there already; --force writes over it")
     check_writable(file)
 
 
 def room_name(file: Path) -> str:
-    """Return the name of the room in a file."""
+    """Return the name of a room from the name of its file."""
     return re.sub(r"[^\w .+-]", "_", file.stem)[:64].lstrip(" .+-") or "room"
 
 
 def say_next(file: Path) -> None:
-    """Say that a room was written, and what to do with it."""
+    """Print that a room was written, and the next commands to use."""
     say_written(file)
     say("  next: edit it, then")
     show = f"room show {file} --png out/room.png"
@@ -50,4 +50,4 @@ def say_next(file: Path) -> None:
         say(f"    ortilo {words}")
 
 
-OPEN = "--set uwb.link.blackouts=[]"  # the ready-made scenarios fly without UWB where the authors did
+OPEN = "--set uwb.link.blackouts=[]"  # the ready-made scenarios have the authors' UWB blackouts

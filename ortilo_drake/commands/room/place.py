@@ -1,4 +1,4 @@
-"""The command `ortilo room place`: where anchors best stand for a scenario's path."""
+"""The command `ortilo room place`: it finds the best places of anchors for a scenario's path."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +9,7 @@ from ortilo_drake.commands.terminal import bar, out, say, say_if_compiling, say_
 from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.room import MAX_ANCHORS, MAX_LANDMARKS
 
-FIX = 3  # anchors that a position needs
+FIX = 3  # number of anchors that a position needs
 
 if TYPE_CHECKING:
     from ortilo_drake.studies.room_design.place import Worst

@@ -1,4 +1,4 @@
-"""The command `ortilo room show`: a room from above."""
+"""The command `ortilo room show`: it draws a room from above."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""The command `ortilo room survey`: where the anchors stand, from ranges."""
+"""The command `ortilo room survey`: the positions of the anchors, from ranges."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Loss(StrEnum):
-    """The cost function of a residual; all but the first are robust against outliers."""
+    """The cost function of a residual; all except `linear` are robust against outliers."""
 
     linear = "linear"
     soft_l1 = "soft_l1"
@@ -95,7 +95,7 @@ def _noise(scenario: "Scenario | None", sd: float | None, fraction: float | None
 
 
 def _read(sources: list[Path], room: str | None, most: int) -> "tuple[Room, Ranges, Scenario | None]":
-    """Return the room as it was believed, the ranges of all sources, and the scenario of the first flight."""
+    """Return the room with the believed anchors, the ranges of all sources, and the scenario of the first flight."""
     from ortilo_drake.flight.flight import scenario_of
     from ortilo_drake.flight.saved_flight import load_flight
     from ortilo_drake.interop.log.reader import log_scenario

@@ -1,4 +1,4 @@
-"""The command `ortilo room trace`: a room from the picture of its floor plan."""
+"""The command `ortilo room trace`: it makes a room from a picture of its floor plan."""
 
 from pathlib import Path
 from typing import Annotated
@@ -39,7 +39,7 @@ def trace(
 
     read = read_plan(plan, scale, dark)
     source = f"{plan}: at --scale {read.scale:g}"
-    length, width = (min(side / read.scale, LARGEST[0]) for side in reversed(read.wall.shape))  # with all its margins
+    length, width = (min(side / read.scale, LARGEST[0]) for side in reversed(read.wall.shape))  # with the margins
     check_size(source, (length, width, height))
     try:
         traced = trace_plan(read)

@@ -1,1 +1,1 @@
-"""Calibration of the projected camera from the rendered camera and its detector."""
+"""Calibration of the projected camera, from flights with the rendered camera and its detector."""

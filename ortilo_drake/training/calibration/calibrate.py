@@ -1,7 +1,7 @@
-"""Calibration: rates and errors of the rendered camera and its detector, measured on flights.
+"""Calibration: detection rates and errors of the rendered camera and its detector, measured on flights.
 
-The projected camera draws from them. They depend only on what it knows of a landmark (world/sensors/landmark_view.py).
-Everything else that matters to the detector (light, background, furniture in front) counts as chance.
+The projected camera draws from these rates and errors. They depend only on the projected camera's view of a landmark
+(world/sensors/landmark_view.py). All other influences (light, background, furniture in front) count as chance.
 """
 
 import hashlib
@@ -23,7 +23,7 @@ from ortilo_drake.world.sensors.camera_calibration import CameraCalibration
 
 SCENARIO, GIVEN_ERRORS = "nominal_imu_uwb_yolo", ("camera.kind=projected", "camera.errors.kind=parametric")
 OWN_DETECTOR = Detector()
-LEAST_FOUND = 500  # landmarks found; fewer are too few for a calibration
+LEAST_FOUND = 500  # least number of found landmarks for a calibration
 HEADER = """\
 # What was measured of the rendered camera and our own detector, for the projected camera: ortilo detector calibrate.
 # The meaning of each table is told in world/sensors/camera_calibration.py; lengths in m and px, times in s.
@@ -31,7 +31,7 @@ HEADER = """\
 
 
 def false_boxes(s: Sightings, classes: tuple[str, ...]) -> dict[str, Any]:
-    """Return the fields of FalseBoxes."""
+    """Return the fields of FalseBoxes: mean number per picture, shares of the classes, quantiles of the sides [px]."""
     if not len(s.false):
         return {"mean": 0.0, "classes": {}, "width": [10.0, 20.0], "height": [10.0, 20.0]}
     box, steps = s.false[:, 3:], np.linspace(0.0, 1.0, 6)
@@ -45,7 +45,7 @@ def false_boxes(s: Sightings, classes: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return numbers with four digits and lists in place of arrays."""
+    """Return data with all numbers rounded to four digits, and with lists in place of arrays."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | list | tuple):
@@ -56,10 +56,10 @@ def _plain(value: Any) -> Any:
 def estimate(
     s: Sightings, classes: tuple[str, ...], size: tuple[int, int], interval: float, source: dict[str, Any]
 ) -> CameraCalibration:
-    """Return the calibration estimated from sightings, a time between pictures [s] apart.
+    """Return the calibration estimated from sightings in pictures that are an interval [s] apart.
 
-    The classes are the room's, the size is the image's width and height [px], the source has the fields of Source.
-    InputError if too few landmarks were found.
+    `classes` are the classes of the room, `size` is the image's width and height [px], `source` has the fields of
+    Source. InputError if too few landmarks were found.
     """
     if s.found.sum() < LEAST_FOUND:
         raise InputError(f"seeds: {int(s.found.sum())} landmarks found, fewer than {LEAST_FOUND}: fly more")
@@ -81,12 +81,12 @@ def calibrate(
     progress: Callable[[int, int], None] | None = None,
     detector: Detector = OWN_DETECTOR,
 ) -> CameraCalibration:
-    """Fly, render every picture, run a detector on it, and write the calibration measured to a file.
+    """Fly, render every picture, run a detector on each, and write the measured calibration to the file `out`.
 
-    The flights, one a seed, are the camera scenario's, with a camera of fixed errors. The vehicle's path hardly depends
-    on the camera, and so a calibration does not depend on the previous one. The detector is by default our own; the
-    progress is told as the pictures done and their number. InputError if there is no EGL, a file of the detector is
-    wrong, too little is found, or the file cannot be written.
+    Each seed gives a flight of the camera scenario, with fixed camera errors: so a calibration does not depend on the
+    previous one, and the vehicle's path hardly depends on the camera. The default detector is our own. `progress` is
+    called with the number of pictures done and of all pictures. InputError if there is no EGL, a file of the detector
+    is wrong, too few landmarks are found, or the file cannot be written.
     """
     seeds = list(seeds)
     if not seeds:
@@ -122,6 +122,6 @@ def calibrate(
 
 
 def write_calibration(calibration: CameraCalibration, out: Path) -> None:
-    """Write a calibration file."""
+    """Write a calibration to a YAML file."""
     text = yaml.safe_dump(calibration.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=120)
     write_text(out, HEADER + text)

@@ -1,7 +1,7 @@
-"""Measured errors of the boxes that the detector finds, the rates at which it finds them, and how both persist.
+"""Measured errors of the detector's boxes, detection rates of landmarks, and the persistence of both over pictures.
 
-A table of a camera calibration is piecewise linear between knots, so it is linear in its values r at the knots. With W
-the shares of the knots (hat functions), y the observations and a prior r_0 that counts as k further observations at
+A table of a camera calibration is piecewise linear between knots, so it is linear in its values r at the knots. With
+the shares W of the knots (hat functions), the observations y and a prior r_0 that counts as k further observations at
 each knot, the best r solves
 
     (W^T W + k I) r = W^T y + k r_0.
@@ -20,23 +20,23 @@ from ortilo_drake.world.sensors.camera_calibration import OTHER, QUANTILES
 from ortilo_drake.world.sensors.landmark_view import BOX, DISTANCE, INSIDE, LANDMARK, VISIBLE
 
 SHARES = np.array([0.0, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0])  # knots of the tables over a landmark's share in view
-PRIOR = 10.0  # observations that the prior counts as; it decides where nothing was observed
+PRIOR = 10.0  # number of observations that the prior counts as; without observations the prior decides
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 def knot_shares(knots: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return W (n, k), the share of each knot in the value at each place; constant beyond the last knots."""
+    """Return W (n x k), the share of each knot in the value at each place; constant beyond the first and last knot."""
     return np.column_stack([np.interp(at, knots, column) for column in np.eye(len(knots))])
 
 
 def fit_table(
     knots: np.ndarray, at: np.ndarray, y: np.ndarray, prior: np.ndarray, strength: float, gain: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the table's values r at its knots (k) so that gain r(at) is nearest to y.
+    """Return the values r of a table at its knots (k) for which gain r(at) is nearest to y in least squares.
 
-    The observations y (n) are at places `at` (n), where the table's factor, 1 by default, is known (n); the prior r_0
-    (k) counts as so many observations, its strength, at each knot.
+    The observations y (n) are at places `at` (n). `gain` is a known factor of the table at each place (n), by default
+    1. The prior r_0 (k) counts as `strength` observations at each knot.
     """
     W = knot_shares(knots, at)
     if gain is not None:
@@ -45,9 +45,9 @@ def fit_table(
 
 
 def slow_correlation(lag: np.ndarray) -> np.ndarray:
-    """Return the correlation of the slow noise of projected_camera.py at a lag, in spacings of its nodes.
+    """Return the correlation of projected_camera.py's slow noise at lags (k), in units of the spacing of its nodes.
 
-    It depends on the place between two nodes; this is its mean over all places.
+    The correlation depends on the place between two nodes; this is the mean over all places.
     """
     a = (np.arange(200) + 0.5) / 200
     later = a + np.asarray(lag, dtype=float)[..., np.newaxis]
@@ -58,9 +58,9 @@ def slow_correlation(lag: np.ndarray) -> np.ndarray:
 
 
 def fit_slow(lags: np.ndarray, correlation: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
-    """Return the slow part's share and spacing whose correlation share * slow_correlation(lag / spacing) fits best.
+    """Return the share and spacing with which share * slow_correlation(lag / spacing) fits measured correlations best.
 
-    The correlation (k), each of a weight (k), is measured at lags above 0 (k); the spacing is in their unit.
+    The correlations (k), with weights (k), are measured at lags above 0 (k). The spacing has the unit of the lags.
     """
     best = (np.inf, 0.0, float(lags[0]))
     for spacing in np.geomspace(lags[0], 2.0 * lags[-1], 60):
@@ -73,7 +73,7 @@ def fit_slow(lags: np.ndarray, correlation: np.ndarray, weight: np.ndarray) -> t
 
 
 def both_below(p: np.ndarray, q: np.ndarray, rho: float) -> np.ndarray:
-    """Return the chance that two standard normals of correlation rho lie below their quantiles of p and q.
+    """Return the probability that two standard normals with correlation rho lie below their quantiles of p and q (n).
 
     d Phi_2 / d rho is the joint density (Plackett, 1954), here integrated by Gauss-Legendre quadrature.
     """
@@ -84,9 +84,10 @@ def both_below(p: np.ndarray, q: np.ndarray, rho: float) -> np.ndarray:
 
 
 def latent_correlation(p: np.ndarray, q: np.ndarray, both: int) -> float:
-    """Return the correlation of n pairs of normals, of which so many, `both`, lie below their quantiles.
+    """Return the correlation of n pairs of normals, given that in `both` pairs each normal is below its quantile.
 
-    The first of each pair lies below its quantile with the chance p (n), the second with q (n), within (0, 1).
+    The first normal of a pair is below its quantile with probability p (n), the second with q (n), within (0, 1). The
+    correlation is limited to [0, 0.995].
     """
 
     def surplus(rho: float) -> float:
@@ -98,7 +99,7 @@ def latent_correlation(p: np.ndarray, q: np.ndarray, both: int) -> float:
 
 
 def normal_scores(values: np.ndarray) -> np.ndarray:
-    """Return the standard normal quantiles that belong to the ranks of values (n)."""
+    """Return the standard normal quantiles of the ranks of values (n)."""
     return ndtri((np.argsort(np.argsort(values)) + 0.5) / len(values))
 
 
@@ -107,9 +108,9 @@ NORMALS = np.array([-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0])
 
 
 def box_errors(s: Sightings, size: tuple[int, int]) -> tuple[dict[str, Any], np.ndarray]:
-    """Return the fields of BoxErrors, and normal scores of the errors (n, 4), NaN where none is known.
+    """Return the fields of BoxErrors, and the normal scores of the errors (n x 4), NaN where the error is unknown.
 
-    Only boxes that the border does not cut are used.
+    The errors are known for found boxes of landmarks that the border does not cut.
     """
     truth = cut_boxes(s.view[:, BOX], size)
     known = s.found & is_whole(s.view)
@@ -151,9 +152,9 @@ def box_errors(s: Sightings, size: tuple[int, int]) -> tuple[dict[str, Any], np.
 
 
 def edge_errors(sides: np.ndarray, means: list[np.ndarray]) -> np.ndarray:
-    """Return the mean error of an edge [px] of boxes with these widths and heights (n, 2).
+    """Return the mean error of an edge [px] along each axis (n x 2), for boxes of these widths and heights (n x 2).
 
-    It is half the extent's error and the centre's error, added as if they were normal.
+    The error is the root sum of squares of the centre's error and half of the extent's error.
     """
     center, extent = (np.column_stack([np.interp(side, SIZES, mean) for side in sides.T]) for mean in means)
     return np.hypot(center, 0.5 * extent)
@@ -162,9 +163,9 @@ def edge_errors(sides: np.ndarray, means: list[np.ndarray]) -> np.ndarray:
 def cut_errors(s: Sightings, truth: np.ndarray, usual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the growth of errors on landmarks that the border cuts, and the factors of edges at the border.
 
-    Both are tables over SHARES. With the factors, edges move off the border as often as in the sightings, by errors of
-    the size of other edges. A box whose edge is off the border counts as whole. The truth are boxes cut at the border
-    (n, 4), the usual error is the mean of an edge in clear view [px] (n, 4).
+    Both are tables over SHARES. With the factors, edges leave the border as often as in the sightings, if their errors
+    have the size of other edges' errors. A box whose edge has left the border counts as whole. `truth` has the boxes
+    cut at the border (n x 4), `usual` the mean error of each edge [px] (n x 4).
     """
     free, seen = truth == s.view[:, BOX], (s.found & ~is_whole(s.view))[:, np.newaxis]
     inward = (s.seen - truth) * np.array([1.0, 1.0, -1.0, -1.0])
@@ -186,11 +187,10 @@ DISTANCES = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 1
 
 
 def detection_rates(s: Sightings, classes: tuple[str, ...]) -> tuple[dict[str, Any], np.ndarray]:
-    """Return the fields of Found, and the probability they give each sighting (n).
+    """Return the fields of Found, and the probability of each sighting according to them (n).
 
-    The prior of a class's rates are the rates of all classes, and their prior is a line from 1 at 4 m to 0 at 24 m. The
-    factors of the shares are fitted to what the rates of landmarks in clear view leave unexplained; their prior is the
-    share itself.
+    The prior of a class's rates is the rate of all classes, whose own prior falls from 1 at 4 m to 0 at 24 m. The
+    factors of the shares are fitted after the rates of landmarks in clear view; the prior of a factor is the share.
     """
     distance, inside, visible = s.view[:, DISTANCE], s.view[:, INSIDE], s.view[:, VISIBLE]
     near = distance <= DISTANCES[-1]  # beyond the last knot the rate is 0
@@ -222,25 +222,25 @@ def detection_rates(s: Sightings, classes: tuple[str, ...]) -> tuple[dict[str, A
     }, rate
 
 
-LAGS = np.array([1, 2, 3, 5, 8, 12, 20, 30, 50])  # pictures
-UNSURE = 0.02, 0.98  # range of rates in which misses count; beyond it the error of the rate itself decides
+LAGS = np.array([1, 2, 3, 5, 8, 12, 20, 30, 50])  # lags [pictures]
+UNSURE = 0.02, 0.98  # range of rates in which misses count; outside, the rate's own error would decide
 
 
 def pairs_at_lag(s: Sightings, lag: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of pairs of sightings of the same landmark that are lag pictures apart."""
+    """Return the indices of both sightings in all pairs of the same landmark that are `lag` pictures apart (m), (m)."""
     landmarks = int(s.view[:, LANDMARK].max()) + 1
     key = s.picture * landmarks + s.view[:, LANDMARK].astype(int)
-    later = np.searchsorted(key, key + lag * landmarks)  # views are in the map's order, so keys rise
+    later = np.searchsorted(key, key + lag * landmarks)  # landmarks are in the map's order, so keys increase
     there = np.minimum(later, len(key) - 1)
     same = (key[there] == key + lag * landmarks) & (s.flight[there] == s.flight)
     return np.flatnonzero(same), there[same]
 
 
 def persistence(s: Sightings, rate: np.ndarray, scores: np.ndarray, interval: float) -> dict[str, Any]:
-    """Return the fields slow_errors and slow_misses, of pictures an interval [s] apart.
+    """Return the fields slow_errors and slow_misses, from pictures that are an interval [s] apart.
 
-    Each sighting is expected with a rate (n), and has normal scores of its errors, NaN where none is known (n, 4).
-    InputError if no landmark was found in enough pictures one after another.
+    `rate` is the detection probability of each sighting (n), `scores` has the normal scores of its errors (n x 4), NaN
+    where the error is unknown. InputError if no landmark was found in enough successive pictures.
     """
     errors, misses, weights = [], [], []
     telling, lags = (rate > UNSURE[0]) & (rate < UNSURE[1]), []
@@ -253,7 +253,7 @@ def persistence(s: Sightings, rate: np.ndarray, scores: np.ndarray, interval: fl
         errors.append(np.nanmean(product) / np.nanmean(scores**2))
         a, b = a[telling[a] & telling[b]], b[telling[a] & telling[b]]
         misses.append(latent_correlation(rate[a], rate[b], int(np.sum(s.found[a] & s.found[b]))))
-        weights.append(1.0 / lag)  # the lags are spaced about evenly in their logarithm
+        weights.append(1.0 / lag)  # the lags are about evenly spaced on a logarithmic scale
     if not lags:
         raise InputError("seeds: too few landmarks found one picture after another: fly more")
     slow = {}

@@ -1,4 +1,4 @@
-"""Sightings: every landmark in every picture of a flight, with the box that the detector found of it."""
+"""Sightings: every landmark in every picture of a flight, with the box in which the detector found the landmark."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,16 +23,17 @@ from ortilo_drake.world.sensors.landmark_view import (
 )
 
 LIMITS = np.array([25.0, 1.0])  # landmarks farther away [m], or with a smaller part in the image [px], are left out
-LEAST_OVERLAP = 0.3  # least IoU of a box and its landmark; boxes of small things err by much of their size
+LEAST_OVERLAP = 0.3  # least IoU of a box and its landmark; errors of small boxes are large relative to their size
 
 
 @dataclass(frozen=True)
 class Sightings:
     """Landmarks in the pictures of flights, found or not, and false boxes.
 
-    Each has the number of its picture, over all flights, and of its flight (n), its class (n), the view, see
-    landmark_view.py (n, 8), and the box seen of it (u_min, v_min, u_max, v_max) [px], NaN if none was found (n, 4).
-    False are flight, picture, class and box of the others (m, 7). So many pictures were taken.
+    Each landmark in a picture has the number of its picture among all flights' (n), the number of its flight (n), its
+    class (n), its view as in landmark_view.py (n x 8), and the box that was seen: u_min, v_min, u_max, v_max [px], NaN
+    if not found (n x 4). Each row of `false` has flight, picture, class and box of a false box (m x 7). `pictures` is
+    the number of pictures.
     """
 
     picture: np.ndarray
@@ -45,23 +46,23 @@ class Sightings:
 
     @property
     def found(self) -> np.ndarray:
-        """A mask (n) of those that were found."""
+        """The mask (n) of landmarks that were found."""
         return np.isfinite(self.seen[:, 0])
 
 
 def cut_boxes(boxes: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return boxes (n, 4) cut at the border of an image of that width and height [px]."""
+    """Return boxes (n x 4) [px], cut at the border of an image of this width and height [px]."""
     return np.clip(boxes, -0.5, np.array([*size, *size]) - 0.5)
 
 
 def match_landmarks(
     labels: np.ndarray, boxes: np.ndarray, truth_labels: np.ndarray, truth: np.ndarray, visible: np.ndarray
 ) -> np.ndarray:
-    """Return the landmark of each box, -1 for none (k).
+    """Return the index of each box's landmark, -1 for none (k).
 
-    Boxes (k, 4) and the picture's landmarks of a class, truth (m, 4) cut at the image's border, are paired so that the
-    sum of IoU is greatest. The share of each that nothing hides (m) counts a little, so that of two landmarks of a
-    class in one place the box goes to the one in front.
+    Boxes (k x 4) and the picture's landmarks, `truth` (m x 4) cut at the image's border, are paired within each class
+    so that the sum of IoU is greatest. The visible share of a landmark (m) counts a little, so that of two landmarks
+    of a class in the same place, the box goes to the one in front.
     """
     iou, of = iou_matrix(boxes, truth), np.full(len(labels), -1)
     gain = np.where((labels[:, None] == truth_labels) & (iou > LEAST_OVERLAP), iou + 0.2 * visible, 0.0)
@@ -72,7 +73,7 @@ def match_landmarks(
 
 
 def sightings(room: Room, width: int, flights: list[tuple[np.ndarray, list[Boxes]]]) -> Sightings:
-    """Return the sightings of flights in a room, in images of a width [px], of states (k, 12) and the boxes at each."""
+    """Return the sightings of flights in a room; each flight has states (k x 12) and the boxes found at each state."""
     camera, around = room.camera.scaled_to(width), surroundings(room)
     size = camera.width, camera.height
     rows, seen, false, picture = [], [], [np.empty((0, 7))], 0
@@ -102,16 +103,16 @@ def sightings(room: Room, width: int, flights: list[tuple[np.ndarray, list[Boxes
 
 
 def is_whole(view: np.ndarray) -> np.ndarray:
-    """Return a mask (n) of the landmarks that the image's border does not cut."""
+    """Return the mask (n) of views (n x 8) whose landmark the image's border does not cut."""
     return view[:, INSIDE] > 1.0 - 1e-9
 
 
 def detect_in_flight(
     room: Room, width: int, states: np.ndarray, detect: Callable[[np.ndarray], Boxes], done: Callable[[], None]
 ) -> list[Boxes]:
-    """Return the boxes that a detector finds in the pictures at states (k, 12), in the flights' own light.
+    """Return the boxes that a detector finds in the pictures at states (k x 12), in the light of flights.
 
-    The image's width is in px; `done` is called after each picture. InputError if there is no EGL.
+    `width` is the image's width [px]; `done` is called after each picture. InputError if there is no EGL.
     """
     camera = room.camera.scaled_to(width)
     (color, _), X_BC = render_cameras(camera), camera_in_body(camera)

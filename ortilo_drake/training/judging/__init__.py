@@ -1,1 +1,1 @@
-"""Judging of the detector: average precision on pictures that it was not trained with."""
+"""Evaluation of the detector: average precision on pictures that were not used in training."""

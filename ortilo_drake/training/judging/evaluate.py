@@ -1,4 +1,4 @@
-"""Evaluation of a detector on labelled pictures: PASCAL VOC's average precision (since 2010), errors of the centres."""
+"""Evaluation of a detector on labelled pictures: PASCAL VOC's average precision (since 2010), errors of box centres."""
 
 import time
 from collections.abc import Callable
@@ -11,11 +11,11 @@ from ortilo_drake.onboard.detector.detector import Boxes
 from ortilo_drake.onboard.landmarks.landmark_association import BORDER
 from ortilo_drake.training.pictures.labels import BOX, CLASS, LEAST, Frames, is_to_be_found
 
-IOU = 0.5  # least overlap of a detection and its object
+IOU = 0.5  # a detection and its object overlap by more than this IoU
 
 
 def iou_matrix(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the intersection over union of boxes (n, 4) and (m, 4), each (u_min, v_min, u_max, v_max)."""
+    """Return the intersection over union (n x m) of boxes (n x 4) and (m x 4), rows u_min, v_min, u_max, v_max."""
     low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
     both = np.prod(np.maximum(high - low, 0.0), axis=2)
     area = [np.prod(x[:, 2:] - x[:, :2], axis=1) for x in (a, b)]
@@ -25,12 +25,12 @@ def iou_matrix(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def match_detections(
     labels: np.ndarray, scores: np.ndarray, boxes: np.ndarray, truth: np.ndarray, least: tuple[float, float] = LEAST
 ) -> np.ndarray:
-    """Return for each detection of a picture the row of the truth it finds, -1 if false, -2 if it does not count.
+    """Return, for each detection in a picture, the row of `truth` that it finds; -1 if false, -2 if it does not count.
 
-    Detections, classes, scores (k) and boxes (k, 4), choose in the order of their scores, the highest first. Each takes
-    the object that it overlaps most, among the free objects of its class with an IoU above IOU. So a detection that
-    covers two objects may find the second; PASCAL's own program calls it false. A detection on an object that need not
-    be found, by the limits of is_to_be_found, does not count. The truth are the labels of the picture (m, 8), see
+    Detections have classes and scores (k) and boxes (k x 4); those with higher scores choose first. Each detection
+    takes the object with the greatest IoU among the free objects of its class with an IoU above IOU. So a detection
+    that covers two objects may find the second; PASCAL's own program counts it as false. A detection of an object that
+    need not be found, by the limits of is_to_be_found, does not count. `truth` has the picture's labels (m x 8), see
     labels.py.
     """
     found = np.full(len(labels), -1)
@@ -49,9 +49,10 @@ def match_detections(
 
 
 def average_precision(scores: np.ndarray, true: np.ndarray, objects: int) -> float:
-    """Return the area under precision, made monotone, over recall, of so many objects to find; NaN without any.
+    """Return the area under the curve of precision, made monotone, over recall; NaN without objects to find.
 
-    The detections of a class have scores (k), and each finds an object or not, true (k).
+    `scores` (k) and `true` (k), whether a detection finds an object, are for the detections of a class; `objects` is
+    the number of objects to find.
     """
     if objects == 0:
         return float("nan")
@@ -67,7 +68,7 @@ Detect = Callable[[np.ndarray], Boxes]
 
 @dataclass(frozen=True)
 class CenterError:
-    """Median and 95th percentile of the centres' errors [px]; None if no object is found whole."""
+    """Median and 95th percentile of the errors of box centres [px]; None if no object is found whole."""
 
     median: float | None
     p95: float | None
@@ -75,11 +76,11 @@ class CenterError:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A detector on so many labelled pictures, images, with so many objects to be found.
+    """The result of a detector on a number `images` of labelled pictures with `objects` objects to be found.
 
-    map50 is the mean of the classes' average precisions at an overlap of 0.5, ap50 by class; None for a class without
-    objects. The centres' errors are of objects found whole. Recall, objects found over all, and false boxes per image
-    are at the threshold of flights. The worst are the pictures with most faults, by number.
+    ap50 is the average precision by class at an IoU of 0.5, None for a class without objects; map50 is the mean over
+    classes. The errors of centres are of objects found whole. Recall (found over all objects) and false boxes per image
+    are for the threshold of flights. `worst` has the numbers of the pictures with most faults.
     """
 
     map50: float
@@ -93,7 +94,7 @@ class Evaluation:
 
 
 def is_whole(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Return a mask (n) of the boxes (n, 4) that the image's border does not cut."""
+    """Return the mask (n) of boxes (n x 4) [px] that the image's border does not cut."""
     low, high = BORDER - 0.5, np.array([width, height]) - BORDER - 0.5
     return np.all(boxes[:, :2] > low, axis=1) & np.all(boxes[:, 2:] < high, axis=1)
 
@@ -101,10 +102,10 @@ def is_whole(boxes: np.ndarray, width: int, height: int) -> np.ndarray:
 def evaluate(
     detect: Detect, frames: Frames, classes: tuple[str, ...], threshold: float, least: tuple[float, float] = LEAST
 ) -> Evaluation:
-    """Return mAP50, AP of each class, errors of the centres, recall and false boxes, and the worst pictures.
+    """Return mAP50, AP of each class, errors of centres, recall, false boxes, and the worst pictures of a detector.
 
-    The detector has a threshold far below that of flights, so that precision is known at all recalls; the threshold
-    given is that of flights, for centres, recall and false boxes. What must be found is by the limits of
+    The detector's own threshold must be far below the threshold of flights, so that precision is known at all recalls.
+    `threshold` is the threshold of flights, for centres, recall and false boxes. `least` are the limits of
     is_to_be_found. InputError if the pictures show no object to be found.
     """
     _, height, width, _ = frames.images.shape
@@ -147,7 +148,7 @@ def evaluate(
 
 
 def milliseconds_per_frame(detect: Detect, images: np.ndarray, repeats: int = 100) -> float:
-    """Return the detector's median time for a picture, scaling and boxes included [ms]."""
+    """Return the detector's median time for a picture, including scaling and boxes [ms]."""
     detect(images[0])
     times = []
     for k in range(repeats):

@@ -1,4 +1,4 @@
-"""The judgement of a detector: both test sets, its speed, and the pictures with most faults."""
+"""The judgement of a detector: its results on both test sets, its speed, and the pictures with most faults."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,11 +20,10 @@ cv2 = later("cv2")
 
 @dataclass(frozen=True)
 class Judgement:
-    """A detector on both test sets, as `ortilo detector evaluate --json` writes it.
+    """The results of a detector on both test sets, as `ortilo detector evaluate --json` writes them.
 
-    By set there are map50, that of objects in clearer view alone, the median of the centres' errors [px] and all
-    figures. A frame takes so many ms on one core with the backend that computes the network; the threshold is that of
-    flights.
+    For each set there are map50, map50 of only the objects in clearer view, the median error of centres [px] and all
+    figures. ms_per_frame is the time for a picture on one core with `backend`; `threshold` is the score of flights.
     """
 
     map50: dict[str, float]
@@ -39,7 +38,7 @@ class Judgement:
 def draw_boxes(
     image: np.ndarray, found: tuple[np.ndarray, ...], truth: np.ndarray, classes: tuple[str, ...]
 ) -> np.ndarray:
-    """Return the picture at twice its size with detections (yellow) and the objects to be found (green), BGR."""
+    """Return the BGR picture, twice as large, with detections (yellow) and objects to be found (green)."""
     drawn = cv2.resize(image[..., ::-1], None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
 
     def box(edges: np.ndarray, color: tuple[int, int, int], text: str) -> None:
@@ -66,11 +65,11 @@ def _worst_figure(
 
 
 def judge(settings: Detector, room: Room, pictures: Path, lowest: float, worst: Path | None = None) -> Judgement:
-    """Return the judgement of a detector, its network and the score it flies with, on the test sets in a folder.
+    """Return the judgement of a detector on the test sets in a folder; `settings` has its network and threshold.
 
-    The room gives the classes. Detections count in a precision-recall curve from the lowest score on. The pictures with
-    most faults are drawn to a PNG file, worst, if any. InputError if the pictures or the network's files are wrong, or
-    both sets are not of one size.
+    The room gives the classes. Detections with a score of `lowest` or more count in the precision-recall curve. The
+    pictures with most faults are drawn to the PNG file `worst`, if given. InputError if the pictures or the network's
+    files are wrong, or the two sets have different image sizes.
     """
     sets = {kind: load_frames(set_folder(pictures, "test", kind)) for kind in KINDS}
     sizes = {frames.images.shape[1:3] for frames in sets.values()}

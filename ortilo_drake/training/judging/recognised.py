@@ -1,4 +1,4 @@
-"""The landmarks of a room that a detector recognises: along the way, and from near."""
+"""The landmarks of a room that a detector recognises: along the planned path, and from near."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ from ortilo_drake.training.pictures.labels import LANDMARK, is_to_be_found
 from ortilo_drake.training.pictures.renders import Studio
 from ortilo_drake.world.scenery.rendering import camera_in_body
 
-NEAR = 2.0  # a view from near is taken from here [m]
-DIRECTIONS = 12  # around the landmark
-STEP = 0.25  # between pictures along the way [m]
+NEAR = 2.0  # distance of a view from near [m]
+DIRECTIONS = 12  # number of views around the landmark
+STEP = 0.25  # distance between pictures along the path [m]
 
 
 @dataclass(frozen=True)
 class Views:
-    """The detector's results for one landmark in so many pictures in which it is to be found.
+    """The detector's results for one landmark in a number `pictures` of pictures in which it must be found.
 
-    In so many of them a box of its class with the score of flights lies on it; the best is the highest score of such a
-    box, whether it is enough or not, 0 if there is none.
+    `found` is the number of pictures in which a box of the landmark's class, with at least the score of flights, lies
+    on the landmark. `best` is the highest score of such a box, even below the score of flights; 0 without a box.
     """
 
     pictures: int
@@ -34,9 +34,9 @@ class Views:
 
 @dataclass(frozen=True)
 class Recognised:
-    """The detector's results for one landmark, by its number in the room, of a class.
+    """The detector's results for one landmark: its number in the room, its class, and the results of two sets of views.
 
-    They are those of the pictures along the way of a flight, and from near, NEAR metres off, from all sides.
+    `way` has the views along the planned path, `near` the views from all sides at a distance of NEAR metres.
     """
 
     number: int
@@ -46,7 +46,7 @@ class Recognised:
 
 
 def way_poses(scenario: Scenario, room: Room) -> list[RigidTransform]:
-    """Return the camera's poses X_WC along the planned path, the vehicle level."""
+    """Return the camera's poses X_WC along the planned path, for a level vehicle."""
     path = plan(scenario.planner, room, scenario.vehicle)
     times = np.linspace(path.start_time(), path.end_time(), 2000)
     points = np.array([np.ravel(path.value(t))[:3] for t in times])
@@ -56,7 +56,7 @@ def way_poses(scenario: Scenario, room: Room) -> list[RigidTransform]:
 
 
 def near_poses(room: Room, number: int) -> list[RigidTransform]:
-    """Return the camera's poses X_WC around a landmark, level, at its height and looking at it."""
+    """Return level camera poses X_WC around a landmark, at the landmark's height and towards the landmark."""
     p_WL = np.array(room.landmark_positions[number])
     poses = []
     for angle in np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False):
@@ -70,7 +70,7 @@ def near_poses(room: Room, number: int) -> list[RigidTransform]:
 def _views(
     detect: Detect, studio: Studio, poses: Iterable[RigidTransform], threshold: float
 ) -> dict[int, tuple[int, int, float]]:
-    """Return for each landmark seen: pictures, found, best."""
+    """Return the fields of Views (pictures, found, best) for each landmark that was seen, by its number."""
     counted: dict[int, tuple[int, int, float]] = {}
     for X_WC in poses:
         picture, truth = studio.picture(X_WC)
@@ -84,9 +84,9 @@ def _views(
 
 
 def recognised(detect: Detect, scenario: Scenario, threshold: float) -> list[Recognised]:
-    """Return a detector's scores on each landmark of a scenario's room, by its number, with the threshold of flights.
+    """Return a detector's results for each landmark of a scenario's room; `threshold` is the score of flights.
 
-    The detector's own threshold is far below that.
+    The detector's own threshold should be far below `threshold`.
     """
     room = scenario.load_room()
     studio = Studio(room, room.classes, room.camera.scaled_to(scenario.camera.width))

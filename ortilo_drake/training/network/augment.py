@@ -1,4 +1,4 @@
-"""Augmentation: other framings of a picture, and the motion blur, noise, exposure and tint of a real camera."""
+"""Augmentation: zoom, shift and mirroring of a picture, and the motion blur, exposure and tint of a real camera."""
 
 import numpy as np
 
@@ -8,21 +8,21 @@ cv2 = later("cv2")
 
 
 def blur_kernel(length: float, angle: float) -> np.ndarray:
-    """Return the kernel of a straight motion blur of that length [px]."""
+    """Return the kernel (k x k) of a straight motion blur with this length [px] and angle [rad]."""
     size = 2 * int(np.ceil(length / 2)) + 1
     kernel = np.zeros((size, size), np.float32)
     middle = size // 2
     step = 0.5 * length * np.array([np.cos(angle), np.sin(angle)])
     start, end = (tuple(int(v) for v in np.round(16 * (middle + s * step))) for s in (-1, 1))
     cv2.line(kernel, start, end, 1.0, 1, cv2.LINE_AA, shift=4)
-    kernel += kernel[::-1, ::-1]  # made symmetric: OpenCV's line is off the middle and would shift the picture
+    kernel += kernel[::-1, ::-1]  # make it symmetric: OpenCV's line is off the middle and would shift the picture
     return kernel / kernel.sum()
 
 
 def augment(image: np.ndarray, boxes: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return an augmented picture (h, w, 3) and its boxes (m, 4) [px].
+    """Return an augmented picture (h x w x 3) and its boxes (m x 4) [px].
 
-    Boxes are (u_min, v_min, u_max, v_max), a pixel's centre at integers, cut at the image's border; one that has left
+    Boxes are rows u_min, v_min, u_max, v_max, with pixel centres at integers, cut at the image's border. A box outside
     the image has no area.
     """
     h, w = image.shape[:2]

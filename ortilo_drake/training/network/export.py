@@ -1,4 +1,4 @@
-"""Export of trained weights to the files that the package ships: its own format and ONNX, with the same numbers."""
+"""Export of a trained network (.safetensors) to ONNX; the package ships both files, with the same numbers."""
 
 import io
 import warnings
@@ -12,7 +12,7 @@ from ortilo_drake.onboard.detector.darknet_network import DarknetNetwork
 
 
 def fold_batch_norm(network: DarknetNetwork) -> None:
-    """Merge each batch normalisation into the convolution before it, in place; the outputs stay the same."""
+    """Merge each batch normalisation into the convolution before it, in place; the network's outputs stay the same."""
     for layer in network.convolutions():
         if layer.norm is not None:
             layer.convolution = torch.nn.utils.fuse_conv_bn_eval(layer.convolution, layer.norm)
@@ -20,7 +20,7 @@ def fold_batch_norm(network: DarknetNetwork) -> None:
 
 
 def export(source: Path, onnx: Path) -> None:
-    """Write the network of a .safetensors file as ONNX, for one RGB picture (1, 3, height, width) in [0, 1].
+    """Write the network of a .safetensors file as ONNX, for one RGB picture (1 x 3 x height x width) in [0, 1].
 
     InputError if the source is damaged or a file cannot be written.
     """
@@ -31,12 +31,12 @@ def export(source: Path, onnx: Path) -> None:
     names = [f"head{k}" for k in range(len(network.cfg.heads))]
     made = io.BytesIO()
     with warnings.catch_warnings():
-        # It leaves the pads of a pool that are not the same on both sides as they are; what is computed is the same.
+        # Constant folding skips the padding of a pool that differs between sides, and warns; the result is the same.
         warnings.filterwarnings("ignore", "Constant folding", UserWarning)
         torch.onnx.export(
             network,
             (images,),
-            made,  # type: ignore[arg-type]  # the exporter without dynamo writes to memory as well
+            made,  # type: ignore[arg-type]  # the exporter without dynamo can also write to memory
             dynamo=False,
             opset_version=17,
             input_names=["image"],

@@ -1,9 +1,9 @@
 """The loss of a YOLOv3 head.
 
 Redmon, Farhadi, "YOLOv3: an incremental improvement" (2018), section 2: logistic objectness and independent logistic
-classes, boxes relative to anchors. Two departures: the box loss is the complete IoU (Zheng et al., "Distance-IoU loss",
-2020), because localisation is judged by IoU. And an object trains every anchor of about its shape at every scale, not
-only the best one, which learns faster from few pictures.
+classes, boxes relative to anchors. There are two differences. The box loss is the complete IoU (Zheng et al.,
+"Distance-IoU loss", 2020), because localisation is judged by IoU. An object trains every anchor of about its shape at
+every scale, not only the best anchor, because that learns faster from few pictures.
 """
 
 import math
@@ -12,13 +12,13 @@ import torch
 
 Tensor = torch.Tensor
 
-SAME_SHAPE = 3.0  # an anchor within this ratio of an object's width and height is trained with it
-IGNORE_IOU = 0.6  # a prediction with this IoU with an object is not trained as empty
+SAME_SHAPE = 3.0  # an object trains anchors whose width and height are within this ratio of the object's
+IGNORE_IOU = 0.6  # a prediction with a greater IoU with an object is not trained as empty
 W_BOX, W_OBJECT, W_CLASS = 4.0, 1.0, 0.5
 
 
 def complete_iou(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
-    """Return IoU and complete IoU of paired boxes (..., 4), each (center x, center y, width, height)."""
+    """Return IoU and complete IoU (...) of paired boxes (..., 4), each center x, center y, width, height."""
     a_low, a_high, b_low, b_high = (x[..., :2] + s * x[..., 2:] / 2 for x in (a, b) for s in (-1, 1))
     overlap = (torch.minimum(a_high, b_high) - torch.maximum(a_low, b_low)).clamp(min=0).prod(-1)
     union = a[..., 2:].prod(-1) + b[..., 2:].prod(-1) - overlap + 1e-7
@@ -33,7 +33,7 @@ def complete_iou(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def predicted_boxes(head: Tensor, anchors: Tensor, stride: float) -> Tensor:
-    """Return the boxes (n, a, h, w, 4), (center x, center y, width, height) [px], of a head (n, a, h, w, c)."""
+    """Return the boxes (n x a x h x w x 4), center x, center y, width, height [px], of a head (n x a x h x w x c)."""
     _, _, h, w, _ = head.shape
     y, x = torch.meshgrid(torch.arange(h), torch.arange(w), indexing="ij")
     center = (torch.sigmoid(head[..., 0:2]) + torch.stack([x, y], dim=-1)) * stride
@@ -44,11 +44,12 @@ def predicted_boxes(head: Tensor, anchors: Tensor, stride: float) -> Tensor:
 def yolo_loss(
     heads: tuple[Tensor, ...], anchors: tuple[Tensor, ...], boxes: Tensor, classes: Tensor, keep: Tensor, width: int
 ) -> tuple[Tensor, Tensor]:
-    """Return the loss of a batch and its parts (box, object, class).
+    """Return the loss of a batch of n pictures and its parts box, object, class (3).
 
-    The heads are raw (n, a (5 + c), h, w), each with its anchors (a, 2), width and height [px of the input]. Objects
-    have boxes (n, m, 4), (center x, center y, width, height) [px of the input, from its corner], and classes (n, m), -1
-    = no object; of those not to `keep` (n, m) the detection does not count. The width is that of the input [px].
+    `heads` are raw outputs (n x a (5 + c) x h x w), `anchors` the width and height of each head's anchors (a x 2) [px].
+    Objects have `boxes` (n x m x 4), center x, center y, width, height [px from the corner of the input], and `classes`
+    (n x m), -1 for no object. Detections of objects with `keep` (n x m) false do not count. `width` is the width of the
+    input [px], and all pixels are pixels of the input.
     """
     bce = torch.nn.functional.binary_cross_entropy_with_logits
     parts = torch.zeros(3)
@@ -59,7 +60,7 @@ def yolo_loss(
         head = raw.float().view(n, a, channels // a, h, w).permute(0, 1, 3, 4, 2)
         stride = width / w
         found = predicted_boxes(head, anchor, stride)
-        # Cells of the objects: image, object, anchor.
+        # Indices of image, object and anchor for each trained cell.
         ratio = boxes[:, :, None, 2:] / anchor[None, None]
         fits = torch.maximum(ratio, 1.0 / ratio.clamp(min=1e-6)).amax(-1) < SAME_SHAPE
         fits &= ((classes >= 0) & keep)[:, :, None]

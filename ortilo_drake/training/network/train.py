@@ -1,4 +1,4 @@
-"""Training of the detector: seeded and resumable, with the loss curve kept and drawn."""
+"""Training of the detector: seeded and resumable; the loss curve is saved and drawn."""
 
 import io
 import json
@@ -24,13 +24,13 @@ from ortilo_drake.views.pictures import save_picture
 
 LEARNING_RATE, WEIGHT_DECAY, WARM_UP = 2.0e-3, 1.0e-3, 500
 AVERAGING = 0.998  # decay of the averaged weights
-BATCH = 32  # pictures a step
-_OF = "checkpoint of a training"  # as flight/store.py has it
-RARE = -6.0  # logit of an object in a cell, before training
+BATCH = 32  # pictures per step
+_OF = "checkpoint of a training"  # kind of sealed file for flight/store.py
+RARE = -6.0  # logit of an object in a cell before training
 
 
 def batch_of(frames: Frames, chosen: np.ndarray, rng: np.random.Generator) -> tuple[torch.Tensor, ...]:
-    """Return augmented pictures (n, 3, h, w) in [0, 1], boxes (center, size), classes and whether to be found."""
+    """Return augmented pictures (n x 3 x h x w) in [0, 1], and boxes (n x m x 4), classes and `keep` of yolo_loss."""
     images, boxes, classes, keep = [], [], [], []
     for i in chosen:
         labels = frames.labels[i]
@@ -40,7 +40,7 @@ def batch_of(frames: Frames, chosen: np.ndarray, rng: np.random.Generator) -> tu
         side = np.minimum(box[:, 2] - box[:, 0], box[:, 3] - box[:, 1])
         gone = (labels[:, CLASS] < 0) | (labels[:, VISIBLE] <= 0.02) | (side < 1.0)
         images.append(image)
-        # From the image's corner, not from the first pixel's centre.
+        # Centers relative to the image's corner, not to the first pixel's centre.
         boxes.append(np.column_stack([(box[:, :2] + box[:, 2:]) / 2 + 0.5, np.maximum(box[:, 2:] - box[:, :2], 1e-3)]))
         classes.append(np.where(gone, -1, labels[:, CLASS]))
         keep.append(is_to_be_found(labels))
@@ -53,7 +53,7 @@ def batch_of(frames: Frames, chosen: np.ndarray, rng: np.random.Generator) -> tu
 
 
 def initialize(network: DarknetNetwork) -> None:
-    """Set the heads' biases so that objects are rare at first; else the empty cells dominate the loss."""
+    """Set the biases of the heads so that objects are rare at first; otherwise empty cells would dominate the loss."""
     for layer, after in zip(network.layers, network.cfg.layers[1:], strict=False):
         if isinstance(after, Yolo) and isinstance(layer, Convolution) and layer.convolution.bias is not None:
             bias = layer.convolution.bias.data.view(len(after.anchors), -1)
@@ -69,13 +69,13 @@ def train(
     progress: Callable[[int, int, float], None] | None = None,
     batch: int = BATCH,
 ) -> list[dict[str, float]]:
-    """Train a network in place on labelled pictures, in so many epochs; return the loss of each epoch.
+    """Train an initialised network in place on labelled pictures for a number of epochs; return each epoch's losses.
 
-    After every epoch weights, averaged weights and the optimiser's state are saved in folder/checkpoint.pt, and the
-    loss curve in losses.json. An interrupted training continues from there with the same result. The network, its
-    weights as initialised, ends with the averaged weights. The seed is of the order of pictures, so many a step, and of
-    their augmentation; the progress is told as epoch, step and the running loss. InputError if there are too few
-    pictures, or the checkpoint is damaged or of another training.
+    After every epoch, weights, averaged weights and the optimiser's state are saved in folder/checkpoint.pt, and the
+    loss curve in losses.json. An interrupted training continues from there with the same result. At the end the network
+    has the averaged weights. The seed decides the order of the pictures, `batch` per step, and their augmentation.
+    `progress` is called with epoch, step and running loss. InputError if there are too few pictures, or the checkpoint
+    is damaged or from another training.
     """
     count, width = len(frames.images), frames.images.shape[2]
     if count < batch:
@@ -100,7 +100,7 @@ def train(
                 network.load_state_dict(kept["network"])
                 optimizer.load_state_dict(kept["optimizer"])
                 average, history = kept["average"], kept["history"]
-        except Exception as error:  # pickle, zipfile and torch raise a dozen kinds for damaged files
+        except Exception as error:  # pickle, zipfile and torch raise a dozen kinds of errors for damaged files
             reason = " ".join(str(error).split())[:120]
             raise InputError(f"{checkpoint}: not a checkpoint of this network: {reason}") from None
         if not same:
@@ -134,7 +134,7 @@ def train(
             sums += [float(loss.detach()), *parts.tolist()]
             if progress:
                 progress(epoch, step, sums[0] / (step + 1))
-        names = ("loss", "box", "object", "class")  # the last three before their weights
+        names = ("loss", "box", "object", "class")  # the last three without their weights
         history.append(dict(zip(names, (sums / (count // batch)).tolist(), strict=True)))
         state = {"of": of, "network": network.state_dict(), "optimizer": optimizer.state_dict()}
         packed = io.BytesIO()
@@ -147,7 +147,7 @@ def train(
 
 
 def losses_figure(history: list[dict[str, float]], path: Path) -> Path:
-    """Draw the loss of each epoch and its parts to a PNG; return its path."""
+    """Draw each epoch's loss and its parts to a picture file; return the path."""
     figure = Figure(figsize=(6.0, 3.6), dpi=120, layout="constrained")
     axes = figure.add_subplot()
     epochs = range(1, len(history) + 1)

@@ -1,1 +1,1 @@
-"""Labelled training pictures: random rooms, appearance, labels, sets."""
+"""Labelled training pictures: random rooms, random appearance, labels, and sets of pictures."""

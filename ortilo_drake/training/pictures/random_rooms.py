@@ -10,19 +10,19 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.world.scenery.rendering import camera_in_body
 from ortilo_drake.world.scenery.scene import MESHES
 
-SURFACES = ("wall", "floor", "floor32x10", "stand", "m100")  # meshes that are not placed as things
-_CLEARANCE = 0.45  # from the camera to anything below its height [m]
-_STAND_HEIGHT = 0.86
+SURFACES = ("wall", "floor", "floor32x10", "stand", "m100")  # meshes that are not used as clutter
+_CLEARANCE = 0.45  # horizontal distance from the camera to anything below its height [m]
+_STAND_HEIGHT = 0.86  # height of a stand [m]
 
 
 def clutter_kinds(room: Room) -> list[str]:
-    """Return the kinds of things that have a mesh but are no landmark class."""
+    """Return the kinds of clutter: those with a mesh that are no landmark class."""
     landmarks = {label.replace(" ", "_") for label in room.landmark_size}
     return sorted(path.stem for path in MESHES.glob("*.obj") if path.stem not in {*landmarks, *SURFACES})
 
 
 def _walls(length: float, width: float, rng: np.random.Generator) -> list[list[float]]:
-    """Return x, y, yaw of the walls around a room of that size (x from 0, y about 0), and of some inside it."""
+    """Return x, y [m] and yaw [rad] of outer and some inner walls, for a room of this size (x from 0, y about 0)."""
     walls = [
         [float(x), y, 0.0] for x in np.arange(-1.5, length + 3.0, 3.0) for y in (-width / 2 - 0.5, width / 2 + 0.5)
     ]
@@ -45,7 +45,7 @@ def _is_clear(x: float, y: float, taken: Sequence[Sequence[float]], walls: Seque
 
 
 def random_room(base: Room, rng: np.random.Generator) -> Room:
-    """Return a room with random walls, landmarks of the base's classes, stands and clutter, and the base's camera."""
+    """Return a room with random walls, landmarks, stands and clutter; classes and camera are the ones of `base`."""
     length, width = rng.uniform(8.0, 18.0), rng.uniform(6.0, 9.0)
     walls = _walls(length, width, rng)
     taken: list[tuple[float, float]] = []
@@ -110,10 +110,10 @@ def _is_free(p_WB: np.ndarray, room: Room) -> bool:
 
 
 def random_pose(room: Room, rng: np.random.Generator, path: np.ndarray | None = None) -> RigidTransform:
-    """Return X_WC of a camera on a vehicle at a random place in a room, tilted as in flight.
+    """Return the pose X_WC of a camera on a vehicle at a random place in a room, tilted as in flight.
 
-    The camera stays near the points of a path, p_W (n, 3), and looks along W's x axis, as the paper's vehicle does.
-    Without a path it is anywhere and looks mostly towards a landmark.
+    With a path p_W (n x 3) [m], the camera is near a point of the path and looks along W's x axis, as on the paper's
+    vehicle. Without a path, the camera is anywhere in the room and mostly looks towards a landmark.
     """
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     for _ in range(1000):

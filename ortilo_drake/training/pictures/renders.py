@@ -1,4 +1,4 @@
-"""Auto-labelled pictures: every landmark's class, box and visible share, exact to the renderer."""
+"""Automatically labelled pictures: the class, box and visible share of every landmark, exactly as rendered."""
 
 from dataclasses import replace
 from functools import cache, lru_cache
@@ -26,7 +26,7 @@ cv2 = later("cv2")
 
 @lru_cache(maxsize=64)
 def _files(path: Path) -> tuple[str, str, str, str, bytes]:
-    """Return a mesh's OBJ text, its material's name and text, and its texture's name and bytes."""
+    """Return the OBJ text of a mesh, name and text of its material, and name and bytes of its texture."""
 
     def named(text: str, key: str) -> str:
         return next(line.split()[1] for line in text.splitlines() if line.strip().startswith(key))
@@ -46,13 +46,13 @@ def _recolor(png: bytes, hue: float, saturation: float, value: float, gamma: flo
 
 
 class Recolored:
-    """Gives each kind of thing in one scene one random look."""
+    """Random looks of the items in one scene, one look for each mesh file."""
 
     def __init__(self, rng: np.random.Generator):
         self._rng, self._made = rng, dict[str, InMemoryMesh]()
 
     def mesh(self, shape: Mesh, group: str) -> Mesh:
-        """Return the mesh with its texture recoloured: surfaces in any colour, things still recognisable."""
+        """Return the mesh with a recoloured texture: landmarks stay recognisable, all else may have any colour."""
         path = Path(shape.source().path())
         if path.name not in self._made:
             rng = self._rng
@@ -71,14 +71,14 @@ class Recolored:
         return Mesh(self._made[path.name], shape.scale3())
 
     def item(self, item: SceneItem) -> SceneItem:
-        """Return the item with a random look."""
+        """Return the item with a random look, unchanged if it has no mesh."""
         if isinstance(item.shape, Mesh):
             return replace(item, shape=self.mesh(item.shape, item.group))
         return item
 
 
 def random_lamps(rng: np.random.Generator) -> list[LightParameter]:
-    """Return three or four distant lamps above, of random direction, strength and tint, that leave no side black."""
+    """Return three or four distant lamps above, of random direction, strength and tint; they leave no side black."""
     lamps = []
     turn = rng.uniform(-np.pi, np.pi)
     count = rng.integers(3, 5)
@@ -93,24 +93,24 @@ def random_lamps(rng: np.random.Generator) -> list[LightParameter]:
 
 
 def random_background(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Return the colour seen above the walls, some light grey."""
+    """Return the background colour above the walls, a random light grey."""
     red, green, blue = np.clip(rng.uniform(0.35, 1.0) + rng.normal(0.0, 0.05, 3), 0.0, 1.0)
     return float(red), float(green), float(blue)
 
 
-NEAR = 0.2  # a landmark with a point nearer than this has no label [m]
+NEAR = 0.2  # a landmark with a point nearer to the camera than this has no label [m]
 
 
 @cache
 def _mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return a mesh's vertices (n, 3) and triangles (m, 3)."""
+    """Return the vertices (n x 3) and the triangles, indices of vertices (m x 3), of a mesh file."""
     mesh = ReadObjToTriangleSurfaceMesh(path)
     triangles = [[triangle.vertex(k) for k in range(3)] for triangle in mesh.triangles()]
     return np.array(mesh.vertices()), np.array(triangles)
 
 
 def landmark_meshes(room: Room) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return every landmark's mesh: vertices in W (n, 3) and triangles (m, 3); InputError if a class has no mesh."""
+    """Return the mesh of every landmark: vertices in W (n x 3) [m] and triangles (m x 3); InputError without a mesh."""
     found = []
     for item in scene_items(room):
         if item.group == "landmarks":
@@ -122,7 +122,11 @@ def landmark_meshes(room: Room) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 class Studio:
-    """A room with a renderer that takes labelled pictures of it."""
+    """A renderer that takes labelled pictures of a room.
+
+    With a generator `rng`, looks, lamps and background are random. InputError if the camera has lens distortion or
+    unequal focal lengths, or a landmark class has no mesh.
+    """
 
     def __init__(
         self, room: Room, classes: tuple[str, ...], camera: CameraModel, rng: np.random.Generator | None = None
@@ -144,7 +148,7 @@ class Studio:
         self._world = SceneGraph.world_frame_id()
 
     def picture(self, X_WC: RigidTransform) -> tuple[np.ndarray, np.ndarray]:
-        """Return the picture (height, width, 3) and its labels (MAX_OBJECTS, 8) from a pose."""
+        """Return the RGB picture (height x width x 3) from a pose, and its labels (MAX_OBJECTS x 8), see Frames."""
         image = self._query.RenderColorImage(self._color, self._world, X_WC).data[..., :3].copy()
         label = self._query.RenderLabelImage(self._color, self._world, X_WC).data.ravel()
         count = len(self._meshes)
@@ -171,10 +175,10 @@ class Studio:
 
 
 def render_scene(kind: str, seed: int, scene: int, frames: int, width: int) -> Frames:
-    """Return the labelled pictures of one scene, so many frames of an image width [px].
+    """Return the labelled pictures of one scene, `frames` of them, with an image width [px].
 
-    The kind is 'paper_room' (the surveyed room in other light and textures) or 'random_rooms' (a random room as well);
-    the seed is the set's, and each scene, by its number there, has its own random stream.
+    `kind` is 'paper_room' (the surveyed room with random light and textures) or 'random_rooms' (the room is random
+    too). `seed` is the seed of the set; each scene, by its number in the set, has its own random stream.
     """
     rng = np.random.default_rng([seed, scene, ("paper_room", "random_rooms").index(kind)])
     scenario = load_scenario("imu_uwb_yolo")
@@ -194,8 +198,8 @@ def render_scene(kind: str, seed: int, scene: int, frames: int, width: int) -> F
 def silhouette_pixels(uv: np.ndarray, triangles: np.ndarray, width: int, height: int) -> int:
     """Return the number of pixels whose centres a mesh covers, as the renderer counts them.
 
-    Its vertices are at uv in the image [px] (n, 2), a pixel's centre at integers, and its triangles numbers of three of
-    them (m, 3).
+    `uv` has the vertices in the image [px] (n x 2), with pixel centres at integers; `triangles` the indices of three
+    vertices each (m x 3).
     """
     left, top = max(0, int(np.ceil(uv[:, 0].min()))), max(0, int(np.ceil(uv[:, 1].min())))
     right, bottom = min(width - 1, int(np.floor(uv[:, 0].max()))), min(height - 1, int(np.floor(uv[:, 1].max())))
@@ -209,7 +213,7 @@ def silhouette_pixels(uv: np.ndarray, triangles: np.ndarray, width: int, height:
             continue
         for v in range(max(top, int(np.ceil(min(a[1], b[1], c[1])))), min(bottom, int(max(a[1], b[1], c[1]))) + 1):
             for u in range(max(left, int(np.ceil(min(a[0], b[0], c[0])))), min(right, int(max(a[0], b[0], c[0]))) + 1):
-                # Inside, the three triangles with the pixel's centre have areas of the sign of the whole triangle.
+                # A pixel's centre is inside if its triangles with the three edges have the sign of the whole triangle.
                 p = (b[0] - u) * (c[1] - v) - (b[1] - v) * (c[0] - u)
                 q = (c[0] - u) * (a[1] - v) - (c[1] - v) * (a[0] - u)
                 if p / twice >= 0.0 and q / twice >= 0.0 and (p + q) / twice <= 1.0:

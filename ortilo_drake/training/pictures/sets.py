@@ -1,4 +1,4 @@
-"""The sets of pictures with which the detector is trained and judged, in files of one scene each."""
+"""The sets of pictures for training and tests of the detector, in files with one scene each."""
 
 import io
 import json
@@ -23,7 +23,7 @@ SEED_OF = {"train": 0, "test": 1000}  # added to the seed: no test scene is a tr
 
 
 def set_folder(folder: Path, part: str, kind: str) -> Path:
-    """Return the folder of a set."""
+    """Return the folder of a set, given the folder of all sets, the part and the kind."""
     return folder / part / kind
 
 
@@ -39,9 +39,9 @@ def render_set(
 ) -> None:
     """Render the missing scenes of a set; the result does not depend on the number of workers.
 
-    A set is a part, 'train' or 'test', of a kind, 'paper_room' or 'random_rooms', in the folder of all sets, of so many
-    scenes with an image width [px]; the seed is of the rooms, looks and poses. The progress is told for each scene.
-    InputError if there is no EGL, a file cannot be written, or the folder holds a set of another seed or width.
+    `folder` is the folder of all sets, `part` is 'train' or 'test', `kind` is 'paper_room' or 'random_rooms'. The set
+    has `scenes` scenes with an image width [px]; the seed decides rooms, looks and poses. `progress` is called for each
+    scene. InputError if there is no EGL, a file cannot be written, or the folder's set has another seed or width.
     """
     target = set_folder(folder, part, kind)
     pictures = PICTURES[part][kind]
@@ -59,7 +59,7 @@ def render_set(
 
 
 def _claim(target: Path, made_with: dict[str, int]) -> None:
-    """Write the settings of a set into its folder; InputError if it holds a set of other settings."""
+    """Write the settings of a set into its folder; InputError if the folder holds a set with other settings."""
     note = target / "set.json"
     text = json.dumps(made_with) + "\n"
     if not note.exists():
@@ -69,7 +69,7 @@ def _claim(target: Path, made_with: dict[str, int]) -> None:
 
 
 def load_set(folder: Path, part: str) -> Frames:
-    """Return the pictures of both kinds; InputError if there are none."""
+    """Return the pictures of both kinds in a part; errors as in load_frames."""
     frames = [load_frames(set_folder(folder, part, kind)) for kind in KINDS]
     return Frames(np.concatenate([f.images for f in frames]), np.concatenate([f.labels for f in frames]))
 
@@ -78,7 +78,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def render_shard(kind: str, seed: int, scene: int, frames: int, width: int, path: str) -> str:
-    """Render one scene to a .npz file, unless it is there undamaged; return its path. Runs in a worker."""
+    """Render one scene to a .npz file, unless an undamaged file exists; return the path. Runs in a worker."""
     file = Path(path)
     if not is_rendered(file):
         made = render_scene(kind, seed, scene, frames, width)
@@ -89,7 +89,7 @@ def render_shard(kind: str, seed: int, scene: int, frames: int, width: int, path
 
 
 def is_rendered(path: Path) -> bool:
-    """Return whether a scene is there; a warning if it is damaged, of which a ZIP's own checksums tell."""
+    """Return whether the file of a scene exists and is undamaged (by the ZIP's checksums); warn if it is damaged."""
     try:
         if exists(path):
             _read_shard(path)
@@ -102,7 +102,7 @@ def is_rendered(path: Path) -> bool:
 def load_frames(folder: Path) -> Frames:
     """Return all pictures of a rendered set, in the order of the scenes.
 
-    InputError if there are none or a file is damaged.
+    InputError if there are none, a file is damaged, or the pictures have different sizes.
     """
     shards = sorted(folder.glob("[0-9]*.npz"))
     if not shards:
@@ -124,7 +124,7 @@ def _read_shard(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         with open_file(path) as file, arrays_of(file) as shard:
             image, label = shard["images"], shard["labels"]
-    except Exception as error:  # zipfile and NumPy raise a dozen kinds for damaged files
+    except Exception as error:  # zipfile and NumPy raise a dozen kinds of errors for damaged files
         reason = f"{type(error).__name__}: {' '.join(str(error).split())}"[:120]
         raise InputError(f"{path}: not a shard of rendered pictures: {reason}") from None
     if image.dtype != np.uint8 or image.ndim != 4 or image.shape[3] != 3 or 0 in image.shape:
