@@ -1,1 +1,1 @@
-"""The model that both halves share: names of signals, the vehicle, its equations, the surveyed room."""
+"""The model that both halves share: signal names, the vehicle and its equations, the surveyed room."""

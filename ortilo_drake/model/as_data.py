@@ -12,8 +12,8 @@ from pydantic import BaseModel
 def as_data(report: Any) -> Any:
     """Return a report as JSON's types: dictionaries, lists, text, numbers, None.
 
-    A dataclass becomes a dictionary of its fields in their order, settings of a scenario become a dictionary as well,
-    arrays and tuples become lists, a complex number becomes [real, imaginary], NaN and infinity become None.
+    A dataclass becomes a dictionary of its fields in their order, and so do settings of a scenario. Arrays and tuples
+    become lists, a complex number becomes [real, imaginary], NaN and infinity become None.
     """
     if isinstance(report, BaseModel):
         return report.model_dump(mode="json")

@@ -1,4 +1,4 @@
-"""Linear equations of small positive definite matrices, in place, for compiled loops: S = L L^T (Cholesky)."""
+"""Linear equations with small positive definite matrices S = L L^T (Cholesky), solved in place in compiled loops."""
 
 import numpy as np
 from numba.extending import register_jitable
@@ -8,9 +8,9 @@ from ortilo_drake.compiled.cached import cached_njit
 
 @register_jitable(error_model="numpy", _nrt=False)
 def forward_in_place(S: np.ndarray, Y: np.ndarray, size: int) -> None:
-    """Overwrite the first `size` rows of Y by L^-1 Y; L overwrites S's lower half.
+    """Overwrite the first `size` rows of Y by L^-1 Y, and the lower half of S by L.
 
-    Both become NaN if S is not positive definite.
+    Y and S become NaN if S is not positive definite.
     """
     n = Y.shape[1]
     for i in range(size):
@@ -31,7 +31,7 @@ def forward_in_place(S: np.ndarray, Y: np.ndarray, size: int) -> None:
 
 @register_jitable(error_model="numpy")
 def solve_in_place(S: np.ndarray, X: np.ndarray) -> None:
-    """Overwrite X (m, n) by S^-1 X; L overwrites S's lower half."""
+    """Overwrite X (m, n) by S^-1 X, and the lower half of S (m, m) by L."""
     m, n = X.shape
     forward_in_place(S, X, m)
     for i in range(m - 1, -1, -1):
@@ -44,9 +44,9 @@ def solve_in_place(S: np.ndarray, X: np.ndarray) -> None:
 
 @register_jitable(error_model="numpy", _nrt=False)
 def squared_norm_in_place(S: np.ndarray, e: np.ndarray) -> float:
-    """Return e^T S^-1 e = |L^-1 e|^2 of e (n); L overwrites S's lower half and L^-1 e overwrites e.
+    """Return e^T S^-1 e = |L^-1 e|^2; overwrite e (n) by L^-1 e, and the lower half of S (n, n) by L.
 
-    NaN if S is not positive definite. The operations are those of forward_in_place.
+    The result is NaN if S is not positive definite. The operations are the same as in forward_in_place.
     """
     squared = 0.0
     for i in range(e.size):
@@ -67,9 +67,10 @@ def squared_norm_in_place(S: np.ndarray, e: np.ndarray) -> float:
 
 @cached_njit
 def scaled_inverse(N: np.ndarray, regular: float = 1e-12) -> tuple[bool, np.ndarray]:
-    """Return whether a symmetric N >= 0 (n x n) is far enough from singular, and N^-1.
+    """Return whether a symmetric N >= 0 (n x n) is far enough from singular, and N^-1 (n x n).
 
-    Unknowns of different units are compared by N scaled to a diagonal of ones, whose determinant must exceed `regular`.
+    N is scaled to a diagonal of ones, because the unknowns may have different units. The determinant of the scaled N
+    must exceed `regular`.
     """
     n = N.shape[0]
     scale, scaled = np.empty(n), np.empty((n, n))
@@ -81,11 +82,11 @@ def scaled_inverse(N: np.ndarray, regular: float = 1e-12) -> tuple[bool, np.ndar
         for j in range(n):
             scaled[i, j] = scale[i] * N[i, j] * scale[j]
     inverse = np.eye(n)
-    solve_in_place(scaled, inverse)  # scaled is its L then
+    solve_in_place(scaled, inverse)  # `scaled` now holds its own L
     determinant = 1.0
     for i in range(n):
         determinant *= scaled[i, i] ** 2
-    if not determinant > regular:  # NaN where N is not positive definite
+    if not determinant > regular:  # NaN if N is not positive definite
         return False, np.zeros((n, n))
     for i in range(n):
         for j in range(n):

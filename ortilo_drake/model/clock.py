@@ -1,4 +1,4 @@
-"""The one clock: every discrete system ticks at the control period h."""
+"""The common clock: every discrete system ticks at the control period h."""
 
 from numbers import Real
 from typing import Any, Final
@@ -6,8 +6,8 @@ from typing import Any, Final
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.input_error import InputError
 
-SHORTEST: Final = 1e-3  # ticks [s]
-LONGEST: Final = 0.2
+SHORTEST: Final = 1e-3  # shortest tick [s]
+LONGEST: Final = 0.2  # longest tick [s]
 
 
 @cached_njit
@@ -17,11 +17,11 @@ def tick_of(time: float, h: float) -> int:
 
 
 def history_ticks(horizon: float, h: float) -> int:
-    """Return N, the ticks to keep: the present one and all whose age does not exceed the horizon [s]."""
-    return int(horizon / h + 1e-6) + 1  # an age that is the horizon up to rounding is within it
+    """Return the number of ticks to keep: the present one and all with an age up to the horizon [s]."""
+    return int(horizon / h + 1e-6) + 1  # an age equal to the horizon up to rounding counts as within the horizon
 
 
 def check_tick(h: Any) -> None:
-    """Check the tick of a part [s]; InputError says what it may be."""
+    """Check the tick h [s] of a part; InputError names the allowed range."""
     if not isinstance(h, Real) or not SHORTEST <= float(h) <= LONGEST:
         raise InputError(f"h: {h!r}: must be {SHORTEST:g} to {LONGEST:g} s")

@@ -1,4 +1,4 @@
-"""Settings of a lens that bends straight lines; what they mean stands in model/lens.py."""
+"""Settings of a lens with distortion; model/lens.py has the equations."""
 
 from typing import Annotated, Literal
 
@@ -10,7 +10,7 @@ _COUNTS = {"none": (0,), "brown_conrady": (4, 5, 8), "fisheye": (4,)}
 
 
 def check_count(distortion: str, coefficients: tuple[float, ...]) -> None:
-    """Refuse another number of coefficients than a distortion has; ValueError, for a model's validator."""
+    """Raise ValueError, for a model's validator, if the distortion does not have this number of coefficients."""
     allowed = _COUNTS[distortion]
     if len(coefficients) not in allowed:
         counts = " or ".join(map(str, allowed))

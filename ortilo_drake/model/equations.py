@@ -1,8 +1,9 @@
 """The quadrotor's equations of motion, once, for simulation, linearisation and symbols.
 
-Every function here is compiled by numba for floats; its ``.py_func`` is the same source as plain Python and
-runs on arrays of Drake's AutoDiffXd and Expression. For that they use ``np.`` functions only, build arrays by
-``np.array((...))``, of tuples, and have no branches. An array of nested lists takes numba nine times as long.
+numba compiles every function here for floats. The ``.py_func`` of a compiled function is the same source in plain
+Python and runs on arrays of Drake's AutoDiffXd and Expression. So the functions use ``np.`` functions only, build
+arrays from tuples, ``np.array((...))``, and have no branches on values. numba takes nine times as long to compile an
+array of nested lists.
 
 State x = [p_WB, rpy, v_WB, rpy rates] (12), control u = [f_T, tau_x, tau_y, tau_z] with f_T absolute, and the
 disturbance d = [force in W [N], torque in B [N m]] (6). Angles are roll phi, pitch theta, yaw psi with
@@ -20,7 +21,7 @@ from ortilo_drake.model.vehicle import GRAVITY
 
 @register_jitable
 def thrust_direction(phi: float, theta: float, psi: float) -> Triple:
-    """Return the body's z axis in W, the third column of R_WB (paper, equations of motion)."""
+    """Return the body's z axis in W (3), the third column of R_WB (paper, equations of motion)."""
     (s_phi, c_phi), (s_theta, c_theta), (s_psi, c_psi) = sin_cos(phi), sin_cos(theta), sin_cos(psi)
     return (
         c_phi * s_theta * c_psi + s_phi * s_psi,
@@ -31,7 +32,7 @@ def thrust_direction(phi: float, theta: float, psi: float) -> Triple:
 
 @register_jitable
 def rotation_rows(rpy: np.ndarray) -> tuple[Triple, Triple, Triple]:
-    """Return the rows of R_WB = R_z(psi) R_y(theta) R_x(phi) from roll, pitch, yaw."""
+    """Return the rows of R_WB = R_z(psi) R_y(theta) R_x(phi), given roll, pitch, yaw (3) [rad]."""
     (s_phi, c_phi), (s_theta, c_theta), (s_psi, c_psi) = sin_cos(rpy[0]), sin_cos(rpy[1]), sin_cos(rpy[2])
     return (
         (c_theta * c_psi, s_phi * s_theta * c_psi - c_phi * s_psi, c_phi * s_theta * c_psi + s_phi * s_psi),
@@ -51,7 +52,7 @@ rotation_matrix = cached_njit(rotation)
 
 @register_jitable(error_model="numpy")
 def translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float) -> Triple:
-    """Return the paper's x_ddot, y_ddot, z_ddot: (f_T / m) z_B - g, plus the disturbance force."""
+    """Return the paper's x_ddot, y_ddot, z_ddot [m/s^2]: (f_T / m) z_B - g e_z, plus the disturbance force over m."""
     z_B = thrust_direction(x[3], x[4], x[5])
     return (
         u[0] / mass * z_B[0] + d[0] / mass,
@@ -62,13 +63,13 @@ def translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass
 
 @register_jitable(error_model="numpy")
 def linear_translational_acceleration(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float) -> Triple:
-    """Return the same, linearised at hover."""
+    """Return x_ddot, y_ddot, z_ddot [m/s^2] of translational_acceleration, linearised at hover."""
     return GRAVITY * x[4] + d[0] / mass, -GRAVITY * x[3] + d[1] / mass, u[0] / mass - GRAVITY + d[2] / mass
 
 
 @register_jitable
 def velocity_rate(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, kinematics: int) -> Triple:
-    """Return v_dot of the dynamics with that index in KINEMATICS."""
+    """Return v_dot of the dynamics with the index `kinematics` in KINEMATICS."""
     if kinematics == 0:
         return linear_translational_acceleration(x, u, d, mass)
     return translational_acceleration(x, u, d, mass)
@@ -76,7 +77,7 @@ def velocity_rate(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, kine
 
 @register_jitable(error_model="numpy")
 def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: np.ndarray) -> Triple:
-    """Return Euler's equations about the principal axes for body rates w: the paper's rotational equations."""
+    """Return w_dot [rad/s^2] by Euler's equations about the principal axes, the paper's rotational equations."""
     I_x, I_y, I_z = inertia[0], inertia[1], inertia[2]
     return (
         (I_y - I_z) / I_x * w[1] * w[2] + (u[1] + d[3]) / I_x,
@@ -87,17 +88,16 @@ def angular_acceleration(w: np.ndarray, u: np.ndarray, d: np.ndarray, inertia: n
 
 @register_jitable
 def small_angle_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> Six:
-    """Return v_dot and rpy_ddot of the paper's nonlinear equations, which take the Euler rates for the body rates.
+    """Return v_dot and rpy_ddot of the paper's nonlinear equations, which use the Euler rates as body rates.
 
-    They are of the state x (12), the control u (4) and the disturbance d (6), with the mass m [kg] and the inertia I_x,
-    I_y, I_z [kg m^2].
+    x is the state (12), u the control (4), d the disturbance (6), mass is m [kg], inertia is I_x, I_y, I_z [kg m^2].
     """
     return translational_acceleration(x, u, d, mass) + angular_acceleration(x[9:12], u, d, inertia)
 
 
 @register_jitable
 def rates_about_axes(rpy: np.ndarray, rpy_dot: np.ndarray) -> Triple:
-    """Return w_WB_B = E(rpy) rpy_dot, the body rates that go with Euler-angle rates."""
+    """Return the body rates w_WB_B = E(rpy) rpy_dot [rad/s], given the Euler-angle rates."""
     (s_phi, c_phi), (s_theta, c_theta) = sin_cos(rpy[0]), sin_cos(rpy[1])
     return (
         rpy_dot[0] - s_theta * rpy_dot[2],
@@ -108,13 +108,13 @@ def rates_about_axes(rpy: np.ndarray, rpy_dot: np.ndarray) -> Triple:
 
 @register_jitable
 def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray) -> np.ndarray:
-    """Return rates_about_axes as an array (3)."""
+    """Return the body rates of rates_about_axes as an array (3)."""
     return np.array(rates_about_axes(rpy, rpy_dot))
 
 
 @register_jitable
 def euler_rates(rpy: np.ndarray, w: np.ndarray) -> Triple:
-    """Return rpy_dot = E(rpy)^-1 w, the Euler-angle rates that go with body rates; singular at theta = +-pi/2."""
+    """Return the Euler-angle rates rpy_dot = E(rpy)^-1 w [rad/s], given body rates; singular at theta = +-pi/2."""
     (s_phi, c_phi), (s_theta, c_theta) = sin_cos(rpy[0]), sin_cos(rpy[1])
     psi_dot = (s_phi * w[1] + c_phi * w[2]) / c_theta
     return w[0] + s_theta * psi_dot, c_phi * w[1] - s_phi * w[2], psi_dot
@@ -122,7 +122,7 @@ def euler_rates(rpy: np.ndarray, w: np.ndarray) -> Triple:
 
 @register_jitable
 def euler_rate_matrix(rpy: np.ndarray) -> np.ndarray:
-    """Return E(rpy) of body_rates (3, 3)."""
+    """Return the matrix E(rpy) (3, 3) of body_rates."""
     E = np.zeros((3, 3))
     for i in range(3):
         E[:, i] = body_rates(rpy, np.eye(3)[i])
@@ -131,7 +131,7 @@ def euler_rate_matrix(rpy: np.ndarray) -> np.ndarray:
 
 @register_jitable(error_model="numpy")
 def rigid_body_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> Six:
-    """Return v_dot and rpy_ddot of the rigid body with proper Euler-rate kinematics; singular at theta = +-pi/2.
+    """Return v_dot and rpy_ddot of the rigid body with exact Euler-rate kinematics; singular at theta = +-pi/2.
 
     w = E(rpy) rpy_dot, so rpy_ddot = E^-1 (w_dot - E_dot rpy_dot), with w_dot from Euler's equations.
     Arguments as in small_angle_accelerations.
@@ -160,28 +160,28 @@ def linear_accelerations(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: floa
 
 @register_jitable
 def rates_of(x: np.ndarray, a: Six) -> np.ndarray:
-    """Return x_dot (12) of a state and its accelerations."""
+    """Return x_dot (12), given a state and its accelerations v_dot, rpy_ddot."""
     return np.array((x[6], x[7], x[8], x[9], x[10], x[11], a[0], a[1], a[2], a[3], a[4], a[5]))
 
 
 def linear_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
-    """Return x_dot (12) by linear_accelerations."""
+    """Return x_dot (12) with the accelerations of linear_accelerations."""
     return rates_of(x, linear_accelerations(x, u, d, mass, inertia))
 
 
 def small_angle_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
-    """Return x_dot (12) by small_angle_accelerations."""
+    """Return x_dot (12) with the accelerations of small_angle_accelerations."""
     return rates_of(x, small_angle_accelerations(x, u, d, mass, inertia))
 
 
 def rigid_body_dynamics(x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray) -> np.ndarray:
-    """Return x_dot (12) by rigid_body_accelerations."""
+    """Return x_dot (12) with the accelerations of rigid_body_accelerations."""
     return rates_of(x, rigid_body_accelerations(x, u, d, mass, inertia))
 
 
 KINEMATICS = ("linear", "small_angle", "rigid_body")
 
-# The three, compiled; the plain form of each is its py_func.
+# The three dynamics, compiled; the py_func of each is the plain Python form.
 DYNAMICS = {
     "linear": cached_njit(linear_dynamics),
     "small_angle": cached_njit(small_angle_dynamics),
@@ -193,7 +193,7 @@ DYNAMICS = {
 def accelerations(
     x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int
 ) -> Six:
-    """Return v_dot and rpy_ddot of the dynamics with that index in KINEMATICS."""
+    """Return v_dot and rpy_ddot of the dynamics with the index `kinematics` in KINEMATICS."""
     if kinematics == 0:
         return linear_accelerations(x, u, d, mass, inertia)
     if kinematics == 1:
@@ -237,7 +237,7 @@ def runge_kutta_sum(k_1: Six, k_2: Six, k_3: Six, k_4: Six) -> Six:
 def stepped(
     x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int, h: float
 ) -> Twelve:
-    """Return x after h [s] under held u and d, see step."""
+    """Return x after h [s] with constant u and d, as a tuple (12); see step."""
     x_1 = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11])
     a_1 = accelerations(x_1, u, d, mass, inertia, kinematics)
     x_2 = advanced(x_1, h / 2.0, x_1[6:], a_1)
@@ -255,9 +255,9 @@ def stepped(
 def step(
     x: np.ndarray, u: np.ndarray, d: np.ndarray, mass: float, inertia: np.ndarray, kinematics: int, h: float
 ) -> np.ndarray:
-    """Return x after h [s] under held u and d: one step of the classical fourth-order Runge-Kutta method.
+    """Return x after h [s] with constant u and d: one step of the classical fourth-order Runge-Kutta method.
 
-    x (12), u (4) and d (6) are held, mass m [kg] and inertia I_x, I_y, I_z [kg m^2]; kinematics is an index in
-    KINEMATICS.
+    x (12) is the state, u (4) the control, d (6) the disturbance, mass m [kg], inertia I_x, I_y, I_z [kg m^2];
+    `kinematics` is an index in KINEMATICS.
     """
     return np.array(stepped(x, u, d, mass, inertia, kinematics, h))

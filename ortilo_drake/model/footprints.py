@@ -1,4 +1,4 @@
-"""Footprints: the room's obstacles as seen from above."""
+"""The footprints of the room's obstacles, seen from above."""
 
 import math
 from dataclasses import dataclass
@@ -8,25 +8,25 @@ from ortilo_drake.model.room import Room
 
 @dataclass(frozen=True)
 class Footprint:
-    """An obstacle seen from above, as a rounded rectangle: all within ``radius`` of an axis-aligned core.
+    """An obstacle seen from above, as a rounded rectangle: all points within ``radius`` of an axis-aligned core.
 
-    A wall's core is the wall, a stand's is a point.
+    The core of a wall is the wall, the core of a stand is a point.
     """
 
     name: str
-    """what to call it."""
+    """name of the obstacle in messages."""
     low: tuple[float, float]
     """lower corner of the core [m]."""
     high: tuple[float, float]
     """upper corner of the core [m]."""
     radius: float
-    """how far the obstacle reaches beyond its core [m]."""
+    """distance by which the obstacle extends beyond its core [m]."""
     top: float
-    """height of its top [m]."""
+    """height of the obstacle's top [m]."""
 
 
 def footprints(room: Room) -> list[Footprint]:
-    """Return every wall, stand, piece of furniture and landmark of the room as seen from above."""
+    """Return the footprints of all walls, stands, pieces of furniture and landmarks of the room."""
 
     def around(name: str, x: float, y: float, half_x: float, half_y: float, top: float) -> Footprint:
         radius = 0.0 if name == "wall" else min(half_x, half_y)  # only walls have sharp corners

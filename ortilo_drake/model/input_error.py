@@ -1,13 +1,13 @@
-"""The one error for bad input: a line for whoever gave it."""
+"""The error for all bad input: one line for the user."""
 
-LONGEST = 600  # characters of a line; of a longer one the middle is left out
+LONGEST = 600  # largest number of characters of a line; the middle of a longer line is left out
 
 
 class InputError(ValueError):
-    """Bad input from a user: one line that names the file, the field, the value and what is allowed.
+    """Bad input from a user: one line that names the file, the field, the value and the allowed values.
 
-    It may quote a file or a message: line breaks and other control characters are written as escapes, so that one line
-    stays one line and a terminal obeys none of it.
+    The line may quote a file or a message. Line breaks and other control characters are written as escapes, so that the
+    text stays one line and a terminal does not execute it.
     """
 
     def __init__(self, line: str) -> None:
@@ -15,7 +15,7 @@ class InputError(ValueError):
 
 
 def one_line(text: str) -> str:
-    """Return a text as at most LONGEST printable characters, others escaped as in Python."""
+    """Return a text as at most LONGEST printable characters; other characters are escaped as in Python."""
     if len(text) > LONGEST:
         part = (LONGEST - 5) // 2
         text = f"{text[:part]} ... {text[-part:]}"

@@ -1,6 +1,6 @@
-"""Files that a user names: regular ones only, and no more of them than a limit.
+"""Files that a user names: only regular files up to a size limit are read.
 
-A FIFO that nobody writes to would hang the program, and a device or a file without an end would fill the memory.
+A FIFO without a writer would hang the program, and a device or a file without an end would fill the memory.
 """
 
 import os
@@ -16,18 +16,18 @@ import numpy as np
 from ortilo_drake.model.input_error import InputError
 
 MIB = 2**20
-TEXT_LIMIT = 4 * MIB  # scenarios, rooms, waypoints, .cfg: the largest room allowed takes a tenth of it
-DATA_LIMIT = 4096 * MIB  # flights, logs and weights
+TEXT_LIMIT = 4 * MIB  # for scenarios, rooms, waypoints, .cfg; the largest allowed room takes a tenth of the limit
+DATA_LIMIT = 4096 * MIB  # for flights, logs and weights
 
 
 def open_file(path: Path, limit: int = DATA_LIMIT) -> BinaryIO:
-    """Open a regular file, or one that a link leads to, to read its bytes.
+    """Open a regular file, or a link to one, to read its bytes.
 
-    InputError if there is no such file, it is no regular one or larger than the limit [bytes], or it cannot be read.
+    InputError if the file does not exist, is not regular, is larger than the limit [bytes], or cannot be read.
     """
     try:
         found = os.stat(path)
-        if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):  # to open a folder fails by itself
+        if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):  # opening a folder fails by itself
             raise OSError(None, "is no regular file")
         if found.st_size > limit:
             raise OSError(None, f"{found.st_size / MIB:.4g} MiB, at most {limit / MIB:g} MiB are read")
@@ -37,12 +37,12 @@ def open_file(path: Path, limit: int = DATA_LIMIT) -> BinaryIO:
 
 
 def check_file(path: Path, limit: int = DATA_LIMIT) -> None:
-    """Refuse the files that open_file refuses, before a library opens the file by its name."""
+    """Raise the InputError of open_file for a file, before a library opens the file by its name."""
     open_file(path, limit).close()
 
 
 def exists(path: Path) -> bool:
-    """Return whether a file or folder of that name exists; no error for a name that no file can have."""
+    """Return whether a file or folder of this name exists; False for a name that no file can have."""
     try:
         return path.exists()
     except (OSError, ValueError):  # too long, or NUL in it
@@ -50,19 +50,19 @@ def exists(path: Path) -> bool:
 
 
 def read_bytes(path: Path, limit: int = DATA_LIMIT) -> bytes:
-    """Return the bytes of a file; InputError as open_file."""
+    """Return the bytes of a file; InputError as in open_file."""
     with open_file(path, limit) as file:
         try:
             content = file.read(limit + 1)
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {reason(error)}") from None
-    if len(content) > limit:  # it grew, or is of a kind whose size is not told, as in /proc
+    if len(content) > limit:  # the file grew, or its size is not known, as in /proc
         raise InputError(f"{path}: cannot be read: at most {limit / MIB:g} MiB are read")
     return content
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file of at most TEXT_LIMIT, with plain line ends; InputError as open_file."""
+    """Return the text of a UTF-8 file of at most TEXT_LIMIT, with Unix line ends; InputError as in open_file."""
     try:
         text = read_bytes(path, TEXT_LIMIT).decode("utf-8")
     except UnicodeDecodeError:
@@ -77,10 +77,10 @@ def reason(error: Exception) -> str:
 
 @contextmanager
 def arrays_of(file: BinaryIO) -> Iterator[Mapping[str, np.ndarray]]:
-    """Give the arrays of a .npz file.
+    """Yield the arrays of a .npz file by name.
 
-    ValueError if one is packed, as numpy.savez does not: a few kB may unpack to gigabytes. NumPy and zipfile raise
-    errors of a dozen kinds besides.
+    ValueError if an array is compressed, which numpy.savez never does: a few kB may unpack to gigabytes. NumPy and
+    zipfile raise a dozen other kinds of errors.
     """
     loaded = np.load(file, allow_pickle=False)
     if not isinstance(loaded, np.lib.npyio.NpzFile):

@@ -1,7 +1,7 @@
-"""A lens that bends straight lines, and pixels that are not square.
+"""A lens with distortion, and pixels that are not square.
 
-A point of the camera's frame C (x to the right, y down, z ahead) is at (x, y) = (x_C, y_C) / z_C in a straight picture
-of focal length 1. The lens moves it to (x', y'), and its pixel is u = c_u + f x', v = c_v + f a y', a the aspect.
+A point in the camera's frame C (x to the right, y down, z ahead) is at (x, y) = (x_C, y_C) / z_C in an undistorted
+picture of focal length 1. The lens moves it to (x', y'). The pixel is u = c_u + f x', v = c_v + f a y', a the aspect.
 
 Brown-Conrady (OpenCV's calib3d; plumb_bob and rational_polynomial of ROS, radtan of Kalibr), r^2 = x^2 + y^2:
 
@@ -12,8 +12,8 @@ Fisheye (OpenCV's cv::fisheye, equidistant of ROS and Kalibr), theta = atan r:
 
     x' = s x,  y' = s y,  s = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) / r
 
-Either polynomial may turn back, and points far aside would then come into the picture again: beyond that a point has no
-pixel.
+Both polynomials may have a turning point, beyond which points far from the axis would appear in the picture again. A
+point beyond the turning point has no pixel.
 """
 
 from functools import lru_cache
@@ -26,7 +26,7 @@ from numpy.polynomial import Polynomial
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.elementary import arctan2, cos, sin
 
-FISHEYE, BROWN_CONRADY = 4, 8  # numbers of coefficients; none of a straight lens
+FISHEYE, BROWN_CONRADY = 4, 8  # numbers of coefficients; a lens without distortion has 0
 _ITERATIONS = 50
 _CONVERGED = 1e-14
 _WIDE = 1.05
@@ -34,17 +34,17 @@ QUARTER: Final = 0.5 * np.pi
 
 
 class Lens(NamedTuple):
-    """A lens as compiled functions take it."""
+    """A lens, for compiled functions."""
 
     aspect: float
-    """focal length along v over that along u."""
+    """focal length along v divided by focal length along u [1]."""
     bend: np.ndarray
-    """coefficients: none of a straight lens; k1 ... k4 of a fisheye (4); k1, k2, p1, p2, k3, k4, k5, k6 of
-    Brown-Conrady, OpenCV's order (8)."""
+    """coefficients: none (0) without distortion; k1 ... k4 of a fisheye (4); k1, k2, p1, p2, k3, k4, k5, k6 of
+    Brown-Conrady, in OpenCV's order (8)."""
     farthest: float
     """largest x^2 + y^2 that has a pixel."""
     reach: np.ndarray
-    """largest |x| and |y| that is seen in the image (2)."""
+    """largest |x| and |y| in the image (2)."""
 
 
 STRAIGHT: Final = Lens(1.0, np.zeros(0), np.inf, np.full(2, np.inf))
@@ -54,9 +54,9 @@ Bent = tuple[float, float, float, float, float]
 
 @register_jitable
 def bent(x: float, y: float, bend: np.ndarray) -> Bent:
-    """Return x', y', d x' / d x, d x' / d y = d y' / d x and d y' / d y of a lens that bends.
+    """Return x', y', d x' / d x, d x' / d y = d y' / d x and d y' / d y of a lens with distortion.
 
-    x and y are those of the straight picture; the coefficients of the bend (4) or (8) are Lens's.
+    x and y are in the undistorted picture; `bend` are the coefficients (4) or (8) of Lens.
     """
     s = x * x + y * y
     if bend.size == FISHEYE:
@@ -89,7 +89,7 @@ def _straight_of_fisheye(x: float, y: float, lens: Lens) -> tuple[float, float]:
         return x, y
     most = arctan2(np.sqrt(lens.farthest), 1.0) if lens.farthest < np.inf else QUARTER
     low, high, theta = 0.0, most, min(r, most)
-    for _ in range(_ITERATIONS):  # Newton's steps, halving where they leave the interval
+    for _ in range(_ITERATIONS):  # Newton's steps, with bisection if they leave the interval
         t = theta * theta
         e = theta * (1.0 + t * (bend[0] + t * (bend[1] + t * (bend[2] + t * bend[3])))) - r
         if e > 0.0:
@@ -113,7 +113,7 @@ def _straight_of_fisheye(x: float, y: float, lens: Lens) -> tuple[float, float]:
 
 @cached_njit
 def straightened(x: float, y: float, lens: Lens) -> tuple[float, float]:
-    """Return (x, y) of the straight picture that the lens moves to (x', y'), here x and y; NaN where there is none."""
+    """Return the undistorted point that the lens moves to (x', y'), given here as x and y; NaN if there is none."""
     if lens.bend.size == 0:
         return x, y
     if lens.bend.size == FISHEYE:
@@ -140,7 +140,7 @@ def straightened(x: float, y: float, lens: Lens) -> tuple[float, float]:
 
 
 def turning_point(bend: np.ndarray) -> float:
-    """Return the smallest x^2 + y^2 at which a lens turns back, its tangential part apart; inf where it never does."""
+    """Return the smallest x^2 + y^2 of a turning point, without the tangential terms; inf if there is none."""
 
     def first_root(polynomial: Polynomial) -> float:
         roots = polynomial.trim().roots()
@@ -152,7 +152,7 @@ def turning_point(bend: np.ndarray) -> float:
         return float(np.tan(theta) ** 2) if theta < QUARTER else np.inf
     k_1, k_2, _, _, k_3, k_4, k_5, k_6 = bend
     s, above, below = Polynomial([0.0, 1.0]), Polynomial([1.0, k_1, k_2, k_3]), Polynomial([1.0, k_4, k_5, k_6])
-    # d (r g) / d r in terms of s = r^2, times the square of what is below.
+    # d (r g) / d r as a function of s = r^2, times the square of the denominator of g.
     slope = (above + 2.0 * s * above.deriv()) * below - 2.0 * s * above * below.deriv()
     return min(first_root(slope), first_root(below))
 
@@ -164,10 +164,10 @@ Pair = tuple[float, float]
 def make_lens(
     coefficients: tuple[float, ...], aspect: float, focal_length: float, center: Pair, image: Pair
 ) -> tuple[Lens, bool]:
-    """Return a camera's lens, and whether half of the way from its centre to every side of the image has a ray.
+    """Return a camera's lens, and whether the points half way from the centre to each side of the image have rays.
 
-    The coefficients are Lens's, the aspect is the focal length along v over that along u [px]. The principal point,
-    width and height are in pixels, too.
+    Coefficients and aspect as in Lens; focal_length (along u), center (the principal point) and image (width and
+    height) are in [px].
     """
     if not coefficients:
         return STRAIGHT._replace(aspect=aspect), True
@@ -180,5 +180,5 @@ def make_lens(
     rays[np.isnan(rays)] = np.sqrt(lens.farthest)
     sides = np.array([[u[0], center[1]], [u[-1], center[1]], [center[0], v[0]], [center[0], v[-1]]])
     half = np.array([straightened(*(0.5 * (side - center) / f), lens) for side in sides])
-    # Room beside what the border's samples reach.
+    # A margin beyond the samples of the border.
     return lens._replace(reach=_WIDE * np.abs(rays).max(axis=0)), not bool(np.isnan(half).any())

@@ -1,10 +1,10 @@
-"""The measurement vector: which rows of y each sensor fills, which states they see, and where its covariance stands.
+"""The layout of the measurement vector: each sensor's rows of y, the states in them, and the sensor's covariance in V2.
 
 A list of sensors gives
 
-    y = [y_1, ..., y_s]            the values, m_j rows of sensor j                                  (p)
-    delta = [delta_1, ..., delta_s]  1 where the sensor's value arrived in this tick                 (s)
-    V2 = [V_1, ..., V_s]           their covariances, each row by row                                (q = sum m_j^2)
+    y = [y_1, ..., y_s]              the values, m_j rows of sensor j                                (p)
+    delta = [delta_1, ..., delta_s]  1 if the sensor's value arrived in this tick, else 0            (s)
+    V2 = [V_1, ..., V_s]             the covariances, each row by row                                (q = sum m_j^2)
 
 The filter's model of the values is y_j = C_j x + v_j, v_j of covariance V_j.
 """
@@ -22,16 +22,16 @@ POSITION: Final = STATE_NAMES[:3]
 
 
 class Row(NamedTuple):
-    """One row of y: its name, and the states that it sees with their coefficients in C."""
+    """One row of y: its name, and the states on which it depends with their coefficients in C."""
 
     name: str
     sees: tuple[tuple[str, float], ...]
 
 
 def row(name: str, **sees: float) -> Row:
-    """Name a row of y and the states that it sees, as in ``row("z_alt", z=1.0)``.
+    """Return a row of y with a name and the coefficients of states, as in ``row("z_alt", z=1.0)``.
 
-    ValueError if a state is none of STATE_NAMES, or none is seen.
+    ValueError if a state is not in STATE_NAMES, or no state is given.
     """
     unknown = [state for state in sees if state not in STATE_NAMES]
     if unknown or not sees:
@@ -40,15 +40,15 @@ def row(name: str, **sees: float) -> Row:
 
 
 def rows_matrix(rows: Iterable[Row]) -> np.ndarray:
-    """Return the rows of C over the states (m, 12)."""
+    """Return the matrix C of some rows over the states (m, 12)."""
     return np.array([[sum(c for state, c in own.sees if state == name) for name in STATE_NAMES] for own in rows], float)
 
 
 def seen_earlier(own: Row, age: float, yaw: float = 0.0) -> Row:
-    """Return the row of a value that is some time old [s], over the state of now: C (I - age A), to first order.
+    """Return the row, over the present state, of a value measured `age` [s] ago: C (I - age A), to first order.
 
-    A is the hover model's under that yaw [rad] (model/hover.py). Left out are the control and the disturbance that
-    acted since: a constant angular acceleration alpha changes an angle by alpha age^2 / 2 beyond it.
+    A is the matrix of the hover model at this yaw [rad] (model/hover.py). The control and the disturbance since then
+    are neglected: a constant angular acceleration alpha gives an angle the additional change alpha age^2 / 2.
     """
     C = rows_matrix([own])[0]
     C = C - age * (C @ hover_A(yaw))
@@ -64,39 +64,39 @@ PAPER: Final[Rows] = tuple(zip(SENSORS, (UWB, CAMERA, IMU), strict=True))
 
 
 class Layout(NamedTuple):
-    """The measurement's layout as compiled functions take it."""
+    """The measurement's layout, in arrays for compiled functions."""
 
     C: np.ndarray
-    """rows of y over the states (p, 12), or more, see Measurement."""
+    """measurement matrix over the states (p, 12), or over more states, see Measurement."""
     states: np.ndarray
-    """the same sparsely: which states a row sees (p, w), w the most of any row ..."""
+    """C as a sparse matrix: the indices of the states in each row (p, w), w the largest number of any row ..."""
     weights: np.ndarray
-    """... and with which coefficients (p, w), 0 where it sees fewer."""
+    """... and their coefficients (p, w), padded with 0."""
     first: np.ndarray
-    """first row of each sensor, and p (s + 1)."""
+    """first row of each sensor, and p at the end (s + 1)."""
     block: np.ndarray
-    """where each sensor's covariance begins in V2, and q (s + 1)."""
+    """index in V2 at which each sensor's covariance begins, and q at the end (s + 1)."""
     is_position: np.ndarray
-    """whether a sensor's first three rows are p_WB itself, which the integrator may take (s)."""
+    """whether a sensor's first three rows are p_WB itself, which the integrator may use (s)."""
 
 
 def _measures_position(rows: tuple[Row, ...]) -> bool:
-    """Return whether three rows are p_WB, whatever else than the vehicle's states they see."""
+    """Return whether three rows are p_WB, apart from terms of extra states such as biases."""
     of_vehicle = [tuple(seen for seen in r.sees if seen[0] in STATE_NAMES) for r in rows]
     return of_vehicle == [((axis, 1.0),) for axis in POSITION]
 
 
 class Measurement:
-    """The measurement of a list of sensors; make_measurement keeps one for each list.
+    """The measurement of a list of sensors; make_measurement caches one for each list.
 
-    It is made of each sensor's rows, and of the states that C is over, more than STATE_NAMES in a filter that carries
-    more.
+    Its arguments are each sensor's rows and the states over which C is defined; a filter with extra states has more
+    than STATE_NAMES.
 
     Attributes:
-        sensors: their names (s).
+        sensors: names of the sensors (s).
         outputs: names of the rows of y (p).
-        layout: for compiled functions.
-        sizes: of the signals y, delta and V2.
+        layout: arrays for compiled functions.
+        sizes: sizes of the signals y, delta and V2.
     """
 
     def __init__(self, rows: Rows, states: tuple[str, ...] = STATE_NAMES):
@@ -123,7 +123,7 @@ class Measurement:
 
     @property
     def inertial(self) -> int:
-        """The number of the sensor whose rows are the imu's; ValueError if there is none."""
+        """The index of the sensor that has the imu's rows; ValueError if there is none."""
         names = [[r.name for r in own] for _, own in self.rows]
         return names.index([r.name for r in IMU])
 
@@ -142,15 +142,15 @@ class Measurement:
         return np.array(self.layout.C[self.rows_of(sensor)])
 
     def by_row(self, delta: np.ndarray) -> np.ndarray:
-        """Return delta (..., s) spread over the rows of y: each row's sensor (..., p)."""
+        """Return delta (..., s) repeated for the rows of y (..., p): each row gets the arrival of its sensor."""
         return np.repeat(delta, np.diff(self.layout.first), axis=-1)
 
     def arrival_matrix(self, delta: np.ndarray) -> np.ndarray:
-        """Return Delta_k (p x p): each arrival on the diagonal, once for each of its sensor's rows."""
+        """Return Delta_k (p x p): the arrivals on the diagonal, each once for every row of its sensor."""
         return np.diag(self.by_row(delta))
 
     def selection_matrix(self, delta: np.ndarray) -> np.ndarray:
-        """Return E_k (3 x p), the position that the integrator takes: of the first position sensor that arrived."""
+        """Return E_k (3 x p), which selects the integrator's position: the first position sensor that arrived."""
         E = np.zeros((3, self.sizes["y"]))
         arrived = np.flatnonzero(self.layout.is_position & (np.asarray(delta) > 0.0))
         if arrived.size:
@@ -159,7 +159,7 @@ class Measurement:
         return E
 
     def matrix(self, V2: np.ndarray) -> np.ndarray:
-        """Return V2 (q) as the block diagonal matrix that it stands for (p x p)."""
+        """Return the block diagonal covariance matrix (p x p) of V2 (q)."""
         V = np.zeros((self.sizes["y"],) * 2)
         for sensor in self.sensors:
             rows = self.rows_of(sensor)
@@ -167,14 +167,14 @@ class Measurement:
         return V
 
     def logged_sizes(self) -> dict[str, int]:
-        """Return the signals of a flight's log with their sizes, in their order."""
+        """Return the names and sizes of the signals in a flight's log, in their order."""
         onboard = {"estimate": N_XBAR, "covariance": N_XBAR * N_XBAR, "reference": REFERENCE_SIZE}
         return {"state": N_X, "control": len(CONTROL_NAMES), **self.sizes, **onboard}
 
 
 @lru_cache(maxsize=64)
 def make_measurement(rows: Rows = PAPER) -> Measurement:
-    """Return the measurement of a list of sensors; of the paper's three by default.
+    """Return the measurement of a list of sensors, by default the paper's three.
 
     ValueError if two sensors or two rows have the same name.
     """

@@ -1,4 +1,4 @@
-"""Packages that only some users need: which extra brings each, and modules that are imported when first used."""
+"""Packages that only some users need: the extra that installs each one, and modules that are imported at first use."""
 
 import importlib
 import importlib.util
@@ -24,24 +24,24 @@ def is_installed(package: str) -> bool:
 
 
 def check_installed(package: str, extra: str) -> None:
-    """Check that an optional package is there; InputError names the extra that brings it."""
+    """Check that an optional package is installed; InputError names the extra that installs it."""
     if not is_installed(package):
         raise missing(package, extra)
 
 
 def missing(package: str, extra: str) -> InputError:
-    """Return the line that names the extra with a package."""
+    """Return the InputError for a missing package; it names the extra that installs the package."""
     return InputError(f"{package}: is not installed, needed for this: pip install 'ortilo-drake[{extra}]'")
 
 
 class _Later:
-    """A module of an extra that is imported when something of it is first used."""
+    """A module of an extra that is imported when one of its attributes is first used."""
 
     def __init__(self, name: str):
         self._name = name
 
     def __getattr__(self, attribute: str) -> Any:
-        if attribute.startswith("__"):  # whoever looks at a module's names imports nothing
+        if attribute.startswith("__"):  # inspecting a module's names must not import the package
             raise AttributeError(attribute)
         package = self._name.partition(".")[0]
         check_installed(package, EXTRAS[package])
@@ -49,8 +49,8 @@ class _Later:
 
 
 def later(name: str) -> Any:
-    """Return a module of one of the EXTRAS, in the place of `import name`.
+    """Return a module of one of the EXTRAS, for use in place of `import name`.
 
-    The first use of it raises an InputError naming the extra where that is not installed.
+    The first use of the module raises an InputError that names the extra, if the package is not installed.
     """
     return _Later(name)

@@ -1,8 +1,8 @@
 """The register of sensors, estimators, servos, planners, detectors and faults that a scenario may name.
 
-A part comes from a package with an entry point in the group ``ortilo_drake.plugins``, whose module registers it when
-imported; from a file given by ``--plugin FILE.py``; or from a call of register_* before the scenario is loaded. A
-scenario file by itself never runs code.
+A part comes from a package with an entry point in the group ``ortilo_drake.plugins``, whose module registers the part
+when imported; from a file given by ``--plugin FILE.py``; or from a call of register_* before the scenario is loaded. A
+scenario file never runs code by itself.
 """
 
 import importlib.util
@@ -28,120 +28,119 @@ KINDS: Final = ("estimator", "servo", "planner", "detector", "fault")
 
 @dataclass(frozen=True)
 class Compiled:
-    """A sensor's share in compiled flights (diagrams/wiring): functions compiled by numba, and their numbers."""
+    """A sensor's functions for compiled flights (diagrams/wiring), compiled by numba, with their numbers."""
 
     numbers: Callable[[Any, Any], Any]
-    """(scenario, room) -> NamedTuple of floats and arrays, of a class that is this sensor's alone."""
+    """(scenario, room) -> NamedTuple of floats and arrays, of a class that only this sensor uses."""
     payload: int
-    """numbers n in its message after arrived and stamp."""
+    """number n of values in the sensor's message after arrived and stamp."""
     noises: int
-    """standard normal numbers that a message takes."""
+    """number of standard normal numbers that a message needs."""
     measure: Callable[..., np.ndarray]
-    """(numbers, true x (12), standard normal numbers, t_k [s]) -> payload (n), an empty array where the sensor gives
+    """(numbers, true x (12), standard normal numbers, t_k [s]) -> payload (n), an empty array if the sensor measures
     nothing; compiled by numba.njit."""
     solve: Callable[..., np.ndarray] | None = None
-    """(numbers, payload (n), xhat (15), P (15, 15)) -> [value (m), covariance row by row (m^2)], an empty array where
-    there is no solution; compiled likewise. None if the message begins with the value."""
+    """(numbers, payload (n), xhat (15), P (15, 15)) -> [value (m), covariance row by row (m^2)], an empty array if
+    there is no solution; compiled by numba.njit. None if the message begins with the value."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """Everything that the laboratory knows about a sensor, or about one sample of a sensor faster than the tick.
+    """The complete description of a sensor, or of one sample of a sensor faster than the tick.
 
-    What crosses from the world to the onboard half is its message [arrived, stamp, payload ...] (model/signals.py).
-    What reaches the filter is a value of m rows and its covariance: y = C x + v.
+    The world sends the onboard half the sensor's message [arrived, stamp, payload ...] (model/signals.py). The filter
+    gets a value of m rows and its covariance: y = C x + v.
     """
 
     name: str
-    """in scenarios, tables and logs; its message has that name too."""
+    """name of the sensor and of its message in scenarios, tables and logs."""
     settings: type[Frozen]
-    """its group in a scenario, a frozen model with at least a field ``link: Link``."""
+    """class of the sensor's group in a scenario, a frozen model with at least a field ``link: Link``."""
     rows: tuple[Row, ...]
-    """what it tells the filter, m rows of y."""
+    """m rows of y that the filter gets."""
     make_world: Callable[[Any, Any], Any] | None = None
     """(scenario, room) -> System with inputs among state (12), control (4) and disturbance (6), and one output, the
-    message, a function of its inputs, the time and noise. Where the sensor is faster than the tick, that scenario's h
-    is the time from one sample to the next, and its message is one sample. Not asked for where the sensor has a
-    compiled share, and None where an element says its message."""
+    message, a function of the inputs, the time and noise. For a sensor faster than the tick, the scenario passed has
+    the time between samples as h, and the message is one sample. Not used if the sensor has `compiled`; None if an
+    element outputs the message."""
     sd: Callable[[Any, Any, np.ndarray], np.ndarray] | None = field(default=None, kw_only=True)
-    """(scenario, room, true states (n, 12)) -> the world's noise of each row there, a standard deviation (n, m), NaN
-    where the sensor gives nothing. None if `covariance` and `information` tell it."""
+    """(scenario, room, true states (n, 12)) -> standard deviation of each row's noise in the world (n, m), NaN where
+    the sensor measures nothing. None if `covariance` and `information` are given instead."""
     make_onboard: Callable[[Any, Any], Any] | None = None
-    """(scenario, room) -> System with the message as input, if it wants them estimate (15) and covariance (225), and
+    """(scenario, room) -> System with the message and, optionally, estimate (15) and covariance (225) as inputs, and
     one output, the fix [arrived, stamp, value (m), covariance row by row (m^2)]. None if the message itself begins with
-    the value, or is a fix. Not asked for where it has a compiled share."""
+    the value, or is a fix. Not used if the sensor has `compiled`."""
     payload: int | Callable[[Any, Any], int] | None = None
-    """numbers in its message after arrived and stamp, or (scenario, room) -> that. None where make_onboard's port
-    tells, for the value alone, or for value and covariance where V says that it comes with each."""
+    """number of values in the message after arrived and stamp, or (scenario, room) -> this number. None if the port of
+    make_onboard has the size, or if the message holds the value alone, or value and covariance where V is None."""
     V: Callable[[Any], np.ndarray | None] = lambda scenario: None
-    """scenario -> covariance of the value as the filter believes it (m, m); None where it comes with each fix."""
+    """scenario -> noise covariance of the value in the filter (m, m); None if each fix has its own covariance."""
     limits: Callable[[Any, Any], tuple[np.ndarray, np.ndarray]] | None = None
-    """(scenario, room) -> the payload's least and greatest values that hardware in the loop takes; or LARGEST."""
+    """(scenario, room) -> smallest and largest payload values that hardware in the loop accepts; by default LARGEST."""
     compiled: Compiled | None = None
-    """its share in compiled flights; None if Drake alone flies it."""
+    """functions for compiled flights; None if only Drake flies the sensor."""
     covariance: Callable[[Any, Any, np.ndarray], np.ndarray | None] | None = None
-    """(scenario, room, true state (12)) -> covariance of the value that the filter would get there (m, m), None where
-    it gets none. By default of independent rows of that sd."""
+    """(scenario, room, true state (12)) -> covariance (m, m) of the value that the filter would get at this state, None
+    if there is none. By default the one of independent rows with `sd`."""
     information: Callable[[Any, Any, np.ndarray, np.ndarray], Any] | None = None
     """(scenario, room, true states (n, 12), seen (n)) -> sensors.information_rows.Information, the Fisher information
-    of the messages that were sent in the ticks that are seen; None where it is not known. By default of rows of that
-    sd."""
+    of the messages sent in the ticks marked in `seen`; None if it is not known. By default from rows with `sd`."""
     unknown: Callable[[Any, Any], Any] | None = None
     """(scenario, room) -> the errors that the scenario's truth leaves unknown, sensors.unknown_error.Error. By default
-    those that its filter believes in (estimator.biases.row_sd)."""
+    the biases in the filter's settings (estimator.biases.row_sd)."""
     made: Callable[[Any, Any, np.ndarray], tuple[np.ndarray, np.ndarray] | None] | None = None
-    """(scenario, room, true state (12)) -> (D (m, l), rows (l, 17)): at that state its value errs by D e if the
-    measurements of which it is made, those rows of `information`, err by e; None where D is not known. By default the
-    value itself is what is measured."""
+    """(scenario, room, true state (12)) -> (D (m, l), rows (l, 17)): at this state, errors e of the measurements `rows`
+    of `information`, from which the value is computed, give the value the error D e; None if D is not known. By default
+    the value is the measurement itself."""
     learned: Callable[[Any, Any, np.ndarray], Any] = lambda scenario, room, x: scenario
-    """(scenario, room, true state (12)) -> the scenario whose filter has the survey's errors that it learns."""
+    """(scenario, room, true state (12)) -> the scenario with the survey errors that the filter learns at this state."""
     left_out: Callable[[Any], tuple[dict[str, bool], dict[str, bool]]] = lambda scenario: ({}, {})
-    """scenario -> (settings that are not in the predicted rms at hover, settings that are in it and in no other
-    figure), each with whether the world differs by it."""
+    """scenario -> (settings that the predicted rms at hover neglects, settings that only this figure includes), each
+    with whether the world differs by it."""
     mismatches: tuple[Any, ...] = ()
-    """ways in which its world may differ from what is believed, sensors.mismatch.Mismatch."""
+    """ways in which the sensor's world may differ from the onboard model, sensors.mismatch.Mismatch."""
     whole: Callable[[Any, Any], list[int]] = lambda scenario, room: []
-    """(scenario, room) -> which numbers of the payload are whole, by their places in it."""
+    """(scenario, room) -> indices of the payload's integers."""
     members: Callable[[Any, int], tuple[tuple[str, str], ...]] = lambda scenario, payload: ()
-    """(scenario, size of the payload) -> its members in a struct in C, each with what it is; () of plain numbers."""
+    """(scenario, size of the payload) -> the payload's members in a C struct, each with a comment; () for numbers."""
     element: Callable[[Any, Any, bool], Any] | None = None
-    """(scenario, room, whole) -> Box that says its message as it is sent, of a sensor that is built in; whole where all
-    of the message is asked for. Other sensors have `compiled` or make_world."""
+    """(scenario, room, whole) -> Box that outputs the message as it is sent, for a built-in sensor; `whole` is True if
+    all parts of the message are needed. Other sensors have `compiled` or make_world."""
     after_sensor: Callable[[Any, Any, Any, int], Any] | None = None
-    """(scenario, room, the Box of its message, samples a tick) -> Box that changes the message before the errors of
-    `truth` do, None where nothing does. It reads the true state, and may the acceleration."""
+    """(scenario, room, the Box of the message, samples per tick) -> Box that changes the message before the errors of
+    `truth` are added, None if there is none. The Box may read the true state and the acceleration."""
     solver: Callable[[Any, Any], Any] | None = None
-    """(scenario, room) -> Box that makes its fix, None where make_onboard's System must; built in likewise."""
+    """(scenario, room) -> Box that computes the fix of a built-in sensor, None if make_onboard's System must do it."""
     drawn: Callable[[Any, Any, Any, Any], Any] | None = None
-    """(scenario, room, what was drawn of `truth`, the wiring's boxes) -> what boxes are given in that world, by their
-    names; built in likewise."""
+    """(scenario, room, draws of `truth`, the wiring's boxes) -> values that the boxes get in this world, by the boxes'
+    names; for built-in sensors only."""
     needs_forces: bool = False
-    """whether its element reads what acts on the body."""
+    """whether the sensor's element reads the forces on the body."""
     samples_itself: bool = False
-    """whether its element says all samples of a tick, where it is faster than that."""
+    """whether the sensor's element outputs all samples of a tick, for a sensor faster than the tick."""
     is_wired: bool = False
-    """whether it is the onboard computer's own: its messages go over no radio and its clock is the filter's."""
+    """whether the sensor belongs to the onboard computer: its messages use no radio, and its clock is the filter's."""
     measures: str | None = None
-    """the things in the room that it measures by, 'anchors' or 'landmarks'."""
+    """the objects in the room that the sensor measures, 'anchors' or 'landmarks'."""
     port: str | None = None
-    """name of its messages at Drake's diagrams; by default its own."""
+    """name of the sensor's messages at the ports of Drake's diagrams; by default the sensor's name."""
     title: str | None = None
-    """what texts and figures call it; by default its name."""
+    """name of the sensor in texts and figures; by default its name in scenarios."""
     components: str | None = None
-    """a letter for each row in figures; by default their numbers."""
+    """a letter for each row in figures; by default the row's number."""
     only_drake: Callable[[Any], str | None] | None = None
-    """scenario -> the setting, as `field: value`, by which Drake alone can play it; None where none is."""
+    """scenario -> the setting, as `field: value`, that only Drake can play; None if there is none."""
     check: Callable[[Any, Any], None] | None = None
-    """(scenario, room) -> None; raises InputError where the sensor cannot fly."""
+    """(scenario, room) -> None; raises InputError if the sensor cannot fly."""
     advice: str | None = None
-    """the hint for a flight in which none of its values arrived."""
+    """hint for a flight in which none of the sensor's values arrived."""
     noise_numbers: Callable[[Any], dict[str, float]] | None = None
-    """scenario -> the numbers that state V where it comes with each fix, by their place there."""
+    """scenario -> the settings that determine V, by their keys, if each fix has its own covariance."""
     noise_settings: tuple[str, ...] = ()
-    """how those places begin."""
+    """beginnings of these keys."""
     nominal_variances: tuple[float, ...] | None = None
-    """variances of the value for theory that is of no place, where V comes with each fix (m or more). By default the
-    noise in the middle of the room."""
+    """variances of the value (m or more) for theory without a position, if each fix has its own covariance. By default
+    the noise in the middle of the room."""
 
 
 @dataclass(frozen=True)
@@ -149,23 +148,24 @@ class Part:
     """An estimator, a servo, a planner, a detector or a fault that scenarios may name by its kind."""
 
     kind: str
-    """what stands after ``kind:`` in a scenario."""
+    """name after ``kind:`` in a scenario."""
     settings: type[Frozen]
-    """its group in a scenario, a frozen model with a field ``kind: Literal[...]``."""
+    """class of the part's group in a scenario, a frozen model with a field ``kind: Literal[...]``."""
     make: Callable[..., Any] | None = None
-    """makes it as a System; see diagrams/onboard.py for what each takes and returns. None where `box` makes it. A
-    detector's makes a function from a picture to what it finds, see register_detector."""
+    """function that makes the part as a System; diagrams/onboard.py has the arguments and results. None if `box` makes
+    it. For a detector, it makes a function from a picture to boxes, see register_detector."""
     box: Callable[..., Any] | None = None
-    """makes it as a Box of an element (loop/own.py), which every player flies; None if Drake alone flies it. An
-    estimator's takes the Belief and xbar_0 (15), a servo's and a planner's the Belief, a fault's its settings, the size
-    of the message that it changes and the tick h [s]. What each may read: diagrams/wiring/own_part.py."""
+    """function that makes the part as a Box of an element (loop/own.py), which every player flies; None if only Drake
+    flies it. Its arguments: for an estimator the Belief and xbar_0 (15), for a servo or a planner the Belief, for a
+    fault its settings, the size of the message that it changes and the tick h [s]. diagrams/wiring/own_part.py has the
+    inputs that the Box may read."""
     gain: Callable[[Any], np.ndarray] | None = None
-    """of a servo, Belief -> L (4, 15) about hover, u = -L [x - x_ref; i] + u_ff. None if it has none."""
+    """for a servo: Belief -> L (4, 15) about hover, u = -L [x - x_ref; i] + u_ff. None if the servo has no gain."""
     linear: Callable[[Any], Any] | None = None
-    """of an estimator, Belief -> the paper's filter (its settings) that it is about hover. None if it is none."""
+    """for an estimator: Belief -> settings of the paper's filter to which it is equal about hover; None without one."""
 
 
-# Names of signals, of logs' topics and of packets, whose channels are in capitals: a sensor's message would be theirs.
+# Names of signals, log topics and packets (with channels in capitals), which a sensor's message must not have.
 _TAKEN: Final = frozenset(
     (*SENSORS, "detections", "shutter", "image", "velocity", "state", "control", "disturbance", "reference", "belief")
     + ("estimate", "covariance", "force", "measurement", "y", "delta", "v2", "scenario", "tick", "command")
@@ -173,12 +173,12 @@ _TAKEN: Final = frozenset(
 )
 _SENSORS: dict[str, Sensor] = {}
 _PARTS: dict[tuple[str, str], Part] = {}
-_FILES: list[str] = []  # where parts came from, for worker processes
-_registrations = 0  # so far: what replaces a part may get its id
+_FILES: list[str] = []  # files that registered parts, for worker processes
+_registrations = 0  # number of registrations so far: a part that replaces another one may get the same id
 
 
 def register_sensor(sensor: Sensor) -> None:
-    """Let scenarios name a sensor; InputError if the name is taken, or link, message or noise are missing."""
+    """Register a sensor for scenarios; InputError if the name is taken, or link, message or noise are missing."""
     if not isinstance(sensor, Sensor):
         raise InputError(f"sensor: {sensor!r}: must be an od.Sensor")
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:
@@ -194,7 +194,7 @@ def register_sensor(sensor: Sensor) -> None:
 
 
 def register_part(role: str, part: Part) -> None:
-    """Let scenarios name an estimator, a servo, a planner, a detector or a fault; role is one of KINDS."""
+    """Register an estimator, a servo, a planner, a detector or a fault for scenarios; role is one of KINDS."""
     if role not in KINDS:
         raise InputError(f"part: {role!r}: must be one of {', '.join(KINDS)}")
     name, fields = f"{role}: {part.kind}", part.settings.model_fields
@@ -212,31 +212,31 @@ def register_part(role: str, part: Part) -> None:
 
 
 def _remember_caller() -> None:
-    """Count what is registered; remember the file that does it, so that worker processes can load it as well."""
+    """Count the registration and store the file that made it, so that worker processes can load the file too."""
     global _registrations
     _registrations += 1
     frame = inspect.currentframe()
     while frame is not None and frame.f_globals.get("__name__") in (__name__, "ortilo_drake.api.parts"):
         frame = frame.f_back
     if frame is None or frame.f_globals.get("__name__", "").partition(".")[0] == "ortilo_drake":
-        return  # comes with the package
+        return  # the registration is in our own package
     file = str(Path(frame.f_globals.get("__file__", "")).resolve())
     if "__file__" in frame.f_globals and file not in _FILES:
         _FILES.append(file)
 
 
 def registered() -> Hashable:
-    """Return a key of the register: it differs once a sensor or a part is added or replaced."""
+    """Return a key of the register, which changes when a sensor or a part is added or replaced."""
     return (_registrations, *map(id, (*_SENSORS.values(), *_PARTS.values())))
 
 
 def plugin_files() -> tuple[str, ...]:
-    """Return the files that registered parts in this process, for load_plugin in another one."""
+    """Return the files that registered parts in this process, for load_plugin in another process."""
     return tuple(_FILES)
 
 
 def load_plugin(file: str | Path) -> None:
-    """Run a Python file that registers parts, once in a process; InputError if there is no such file, or it fails."""
+    """Run a Python file that registers parts, once in a process; InputError if the file does not exist or fails."""
     path = Path(file).resolve()
     name = f"ortilo_plugin_{path.stem}_{crc32(bytes(path)):x}"
     if str(path) in _FILES or name in sys.modules:
@@ -248,34 +248,34 @@ def load_plugin(file: str | Path) -> None:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # whatever a user's file does wrong
+    except Exception as error:  # a user's file may raise anything
         del sys.modules[name]
         raise InputError(f"--plugin {file}: {type(error).__name__}: {error}") from error
 
 
 @cache
 def _load_installed() -> None:
-    """Import the plugins of installed packages, ours among them."""
+    """Import the plugins of all installed packages, including our own."""
     for point in entry_points(group="ortilo_drake.plugins"):
         point.load()
 
 
 def find_sensor(name: str) -> Sensor | None:
-    """Return the registered sensor of a name, None if there is none; built-in ones are not among them."""
+    """Return the registered sensor with this name, None if there is none; built-in sensors are not included."""
     if name not in _SENSORS and name.isidentifier() and name not in SENSORS:
         _load_installed()
     return _SENSORS.get(name)
 
 
 def find_part(role: str, kind: str) -> Part | None:
-    """Return the registered estimator, servo, planner, detector or fault of a kind, None if there is none."""
+    """Return the registered estimator, servo, planner, detector or fault of this kind, None if there is none."""
     if (role, kind) not in _PARTS:
         _load_installed()
     return _PARTS.get((role, kind))
 
 
 def own_sensors() -> tuple[Sensor, ...]:
-    """Return the registered sensors by their names; built-in ones are not among them."""
+    """Return the registered sensors, sorted by name; built-in sensors are not included."""
     _load_installed()
     return tuple(_SENSORS[name] for name in sorted(_SENSORS))
 

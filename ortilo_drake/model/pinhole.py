@@ -1,20 +1,22 @@
-"""The pinhole camera on the vehicle, as the world draws with it and as the onboard half predicts with it.
+"""The pinhole camera on the vehicle, with which the world draws and the onboard half predicts.
 
-C is at p_BC and looks along B's x axis: its z is B's x, its x is -B's y, its y is -B's z. A point L has
+The camera frame C is at p_BC and looks along B's x axis: C's z is B's x, C's x is -B's y, C's y is -B's z. A point L
+has
 
     p_BL_B = R_WB^T (p_WL - p_WB),  q = p_BL_B - p_BC,  u = c_u - f q_y / q_x,  v = c_v - f q_z / q_x
 
-of a straight lens with square pixels; for others see model/lens.py, whose x is -q_y / q_x and whose y is -q_z / q_x.
+through a lens without distortion and with square pixels. For other lenses see model/lens.py, with x = -q_y / q_x and
+y = -q_z / q_x.
 
-and a small turn of the body e (in B, R_WB -> R_WB exp([e]x)) moves it by d p_BL_B = p_BL_B x e, where
-e = E(rpy) d(rpy) with the E of the Euler-angle rates (model/equations.py). A pixel's centre has integer
-coordinates, so the image reaches from -1/2 to its size - 1/2.
+A small rotation e of the body (in B, R_WB -> R_WB exp([e]x)) moves the point by d p_BL_B = p_BL_B x e, where
+e = E(rpy) d(rpy) with the E of the Euler-angle rates (model/equations.py). A pixel's centre has integer coordinates, so
+the image extends from -1/2 to its size - 1/2.
 
-A landmark's box in an image is that of its outline, points that span its convex hull. They are given as offsets
-from the landmark's surveyed position p_WL in W's axes (m, 3), see Room.landmark_outlines.
+A landmark's box in an image is the box of its outline, points that span its convex hull. They are offsets from the
+landmark's surveyed position p_WL in the axes of W (m, 3), see Room.landmark_outlines.
 
-Points and pixels are plain numbers and tuples inside: an array each would cost more than the arithmetic, and so
-would counting references of arrays handed on to a helper that is called for every derivative.
+Points and pixels are numbers and tuples inside: arrays would cost more than the arithmetic, and so would reference
+counting of arrays passed to a helper that is called for every derivative.
 """
 
 from typing import NamedTuple
@@ -29,7 +31,7 @@ from ortilo_drake.model.lens import STRAIGHT, Lens, bent, straightened
 Point = tuple[float, float, float]
 Sines = tuple[float, float, float, float]
 Pair = tuple[float, float]
-View = tuple[Point, Pair, Pair, float]  # p_BC, f along u and v, c, and the farthest point that a lens bends, see Camera
+View = tuple[Point, Pair, Pair, float]  # p_BC, f along u and v, c, and the lens' `farthest`, see Camera
 
 R_BC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
@@ -37,23 +39,23 @@ NEAR = 0.1  # points nearer than this in front of the camera have no projection 
 
 
 class Camera(NamedTuple):
-    """The camera as compiled functions take it."""
+    """The camera, for compiled functions."""
 
     p_BC: np.ndarray
-    """its origin in B [m] (3)."""
+    """origin of C in B [m] (3)."""
     f: float
     """focal length along u [px]."""
     c: np.ndarray
     """principal point [px] (2)."""
     image: np.ndarray
-    """width and height [px] (2)."""
+    """width and height of the image [px] (2)."""
     lens: Lens = STRAIGHT
-    """how it bends, and its pixels' shape."""
+    """distortion of the lens and aspect of the pixels."""
 
 
 @register_jitable
 def in_body_frame(x: float, y: float, z: float, p_WB: np.ndarray, R_WB: np.ndarray) -> Point:
-    """Return p_BL_B = R_WB^T (p_WL - p_WB) of p_WL = (x, y, z)."""
+    """Return p_BL_B = R_WB^T (p_WL - p_WB), given p_WL = (x, y, z)."""
     x, y, z = x - p_WB[0], y - p_WB[1], z - p_WB[2]
     return (
         R_WB[0, 0] * x + R_WB[1, 0] * y + R_WB[2, 0] * z,
@@ -64,17 +66,17 @@ def in_body_frame(x: float, y: float, z: float, p_WB: np.ndarray, R_WB: np.ndarr
 
 @register_jitable(error_model="numpy", _nrt=False)
 def _view_of(camera: Camera) -> View:
-    """Return the camera's numbers but for its lens's bend, read once for all points."""
+    """Return the camera's numbers without the lens' coefficients, read once for all points."""
     p_BC, c, f = camera.p_BC, camera.c, camera.f
     return (p_BC[0], p_BC[1], p_BC[2]), (f, f * camera.lens.aspect), (c[0], c[1]), camera.lens.farthest
 
 
 @register_jitable(error_model="numpy", _nrt=False)
 def _pixel(p_BL: Point, view: View, bend: np.ndarray) -> Point:
-    """Return u, v and the depth q_x; u and v NaN without a projection, and the depth too where the lens turns back."""
+    """Return u, v and the depth q_x; without a projection u, v are NaN, beyond the lens' turning point also q_x."""
     p_BC, f, c, farthest = view
     depth = p_BL[0] - p_BC[0]
-    if not depth >= NEAR:  # so that NaN has none either
+    if not depth >= NEAR:  # also true for NaN
         return np.nan, np.nan, depth
     if bend.size > 0:
         x, y = (p_BC[1] - p_BL[1]) / depth, (p_BC[2] - p_BL[2]) / depth
@@ -91,15 +93,15 @@ def _pixel(p_BL: Point, view: View, bend: np.ndarray) -> Point:
 def project(p_WL: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray, camera: Camera) -> Point:
     """Return u, v [px] and the depth q_x [m] of a point; u and v are NaN if it is nearer than NEAR.
 
-    All three are NaN where the lens turns back. All three are NaN where the lens turns back. The point p_WL and the
-    body's origin p_WB are in W (3), R_WB is its attitude (3 x 3).
+    All three are NaN beyond the lens' turning point. The point p_WL and the body's origin p_WB are in W (3), R_WB is
+    the body's attitude (3 x 3).
     """
     return _pixel(in_body_frame(p_WL[0], p_WL[1], p_WL[2], p_WB, R_WB), _view_of(camera), camera.lens.bend)
 
 
 @register_jitable
 def _outline_point(k: int, p_WL: np.ndarray, outline: np.ndarray, p_WB: np.ndarray, R_WB: np.ndarray) -> Point:
-    """Return point k of an outline in B."""
+    """Return point k of an outline in B [m]."""
     x, y, z = p_WL[0] + outline[k, 0], p_WL[1] + outline[k, 1], p_WL[2] + outline[k, 2]
     return in_body_frame(x, y, z, p_WB, R_WB)
 
@@ -138,7 +140,7 @@ def _gradient(p: Point, p_BC: Point, f: float, axis: int) -> tuple[float, float,
 
 @register_jitable(error_model="numpy", _nrt=False)
 def _bent_gradient(p: Point, p_BC: Point, camera: Camera, axis: int) -> tuple[float, float, float, float, float, float]:
-    """Return _gradient's result through a lens with distortion."""
+    """Return g and g x p as _gradient does, for a lens with distortion."""
     depth = p[0] - p_BC[0]
     _, _, d_xx, d_xy, d_yy = bent((p_BC[1] - p[1]) / depth, (p_BC[2] - p[2]) / depth, camera.lens.bend)
     of_x, of_y = _gradient(p, p_BC, camera.f, 0), _gradient(p, p_BC, camera.f, 1)
@@ -155,7 +157,7 @@ def _bent_gradient(p: Point, p_BC: Point, camera: Camera, axis: int) -> tuple[fl
 
 @register_jitable
 def sines(rpy: np.ndarray) -> Sines:
-    """Return sin phi, cos phi, sin theta, cos theta of roll, pitch, yaw (3)."""
+    """Return sin phi, cos phi, sin theta, cos theta, given roll, pitch, yaw (3) [rad]."""
     return *sin_cos(rpy[0]), *sin_cos(rpy[1])
 
 
@@ -172,9 +174,10 @@ def box_and_jacobian(
 ) -> bool:
     """Write an outline's box to box (4), see extent_box, and its centre's d z / d(p_WB, rpy) to J (2 x 6).
 
-    Each coordinate of the centre is the mean of two points' projections, and so is its derivative. A near
-    outline's centre in the image is not where its centre in space is seen.
-    False if a point has no projection. Arguments as in extent_box, and of_rpy of sines.
+    Each coordinate of the centre is the mean of the projections of two points, and so is its derivative. For a near
+    outline, the centre of the box is not the projection of the centre in space.
+
+    False if a point has no projection. of_rpy comes from `sines`; other arguments as in extent_box.
     """
     u_low = v_low = np.inf
     u_high = v_high = -np.inf
@@ -226,7 +229,7 @@ def box_center(
 ) -> bool:
     """Write the centre of an outline's box to z (2) and d z / d(p_WB, rpy) to J (2 x 6), see box_and_jacobian.
 
-    False if a point has no projection. Arguments as in extent_box, and rpy (3).
+    False if a point has no projection. rpy (3) [rad] is the attitude; other arguments as in extent_box.
     """
     box = np.empty(4)
     if not box_and_jacobian(p_WL, outline, p_WB, sines(rpy), R_WB, camera, box, J):
@@ -244,9 +247,9 @@ def point_pixels(
     R_WB: np.ndarray,
     camera: Camera,
 ) -> np.ndarray:
-    """Return the pixels of landmarks' positions in space (n, 2), given their boxes' centres (n, 2).
+    """Return the pixels of the landmarks' positions in space (n, 2), given the centres of their boxes (n, 2).
 
-    The difference of the two is taken at the pose p_WB, R_WB; NaN where a landmark has no projection there.
+    The difference of the two is computed at the pose p_WB, R_WB; NaN if a landmark has no projection at this pose.
     """
     pixels, box = np.empty_like(centers), np.empty(4)
     for i in range(centers.shape[0]):
@@ -260,7 +263,7 @@ def point_pixels(
 
 @cached_njit
 def straight_pixels(pixels: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return these pixels (n, 2) without distortion, with square pixels of focal length f; NaN where there are none."""
+    """Return pixels (n, 2) without distortion, for square pixels of focal length f; NaN if a pixel has no ray."""
     lens = camera.lens
     if lens.bend.size == 0 and lens.aspect == 1.0:
         return pixels

@@ -1,4 +1,4 @@
-"""Values put into an array one by one, for compiled functions: a slice assigned costs numba seconds of compilation."""
+"""Functions that write to an array element by element: numba takes seconds to compile an assignment to a slice."""
 
 import numpy as np
 from numba.extending import register_jitable
@@ -6,13 +6,13 @@ from numba.extending import register_jitable
 
 @register_jitable
 def put(values: np.ndarray, into: np.ndarray, at: int = 0) -> None:
-    """Write values (n) to an array, from an index on; of any scalar."""
+    """Write values (n) to the array `into`, from the index `at` on; for any scalar type."""
     for i in range(len(values)):
         into[at + i] = values[i]
 
 
 @register_jitable
 def fill(into: np.ndarray, value: float) -> None:
-    """Write a value to all of an array (n)."""
+    """Write one value to all elements of an array (n)."""
     for i in range(len(into)):
         into[i] = value

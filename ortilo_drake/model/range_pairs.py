@@ -1,7 +1,7 @@
 """Differences of the ranges to two anchors: the rows of the uwb message, and the order of the pairs of anchors.
 
-A row is [a, b, value, there, age]: numbers of two anchors, value = r_b - r_a [m], there 1, and its age [s] at the
-message's stamp. Where a difference is missing, value, there and age are 0.
+A row is [a, b, value, there, age]: the indices of two anchors, value = r_b - r_a [m], there = 1, and the age [s] of the
+difference at the message's stamp. For a missing difference, value, there and age are 0.
 """
 
 from typing import Final, Literal
@@ -21,10 +21,10 @@ Pairs = Literal["cycle", "all"]
 
 
 def pairs_in_turn(pairs: Pairs, n: int) -> np.ndarray:
-    """Return the pairs (a, b) of n anchors, 2 or more, in the order in which they come (m, 2).
+    """Return the pairs (a, b) of n anchors, n at least 2, in the order of their packets (m, 2).
 
-    'cycle' has each anchor with the next one, and the last one with the first; 'all' goes on with each and the next but
-    one, and so on, until each pair has come once.
+    'cycle' pairs each anchor with the next one, and the last one with the first. 'all' continues with each anchor and
+    the next but one, and so on, until each pair has occurred once.
     """
     steps = range(1, 2 if pairs == "cycle" else n // 2 + 1)
     found = [(i, (i + step) % n) for step in steps for i in range(n // 2 if 2 * step == n else n)]
@@ -32,5 +32,5 @@ def pairs_in_turn(pairs: Pairs, n: int) -> np.ndarray:
 
 
 def differences_size(rows: int) -> int:
-    """Return the size of a message of so many rows."""
+    """Return the size of a message with `rows` rows."""
     return PAYLOAD + ROW * rows

@@ -1,7 +1,7 @@
-"""The surveyed room: anchors, landmarks, walls and furniture, as both halves know it.
+"""The surveyed room that both halves know: anchors, landmarks, walls and furniture.
 
-The map is what a team would survey before flying. The onboard half uses anchors, landmarks and obstacles; the
-world also blocks rays with the walls and stands.
+A team would survey this map before flying. The onboard half uses anchors, landmarks and obstacles; in the world, walls
+and stands also block rays.
 """
 
 import math
@@ -29,19 +29,16 @@ Size3 = tuple[Positive, Positive, Positive]
 Share = Annotated[float, Field(ge=-1.0, le=1.0)]
 Outline = Annotated[tuple[tuple[Share, Share, Share], ...], Field(min_length=4, max_length=1000)]
 
-_BOX = np.array(list(product((-1.0, 1.0), repeat=3)))  # the outline of a class that has none
-
-
-# Far more than any building has; flights look at each of them at every tick.
+_BOX = np.array(list(product((-1.0, 1.0), repeat=3)))  # outline of a class for which the file has none
+# The limits are far above any building's numbers; a flight checks each item at every tick.
 MAX_ANCHORS = 1000
 MAX_LANDMARKS = 1000
-MAX_OBSTACLES = 5000  # walls, stands and pieces of furniture, each
-MAX_HEIGHT = 8192  # of a picture [px]
-MAX_PIXELS = 2**24  # of a picture, 64 MiB
-
-Side = Annotated[int, Field(ge=1, le=100_000)]  # of a picture [px]
+MAX_OBSTACLES = 5000  # each for walls, stands and pieces of furniture
+MAX_HEIGHT = 8192  # largest height of a picture [px]
+MAX_PIXELS = 2**24  # largest number of pixels of a picture, 64 MiB
+Side = Annotated[int, Field(ge=1, le=100_000)]  # width or height of a picture [px]
 _NAME, _LONGEST_NAME = r"^\w[\w .+-]*$", 64
-Label = Annotated[str, Field(pattern=_NAME, max_length=_LONGEST_NAME)]  # it names meshes and is printed
+Label = Annotated[str, Field(pattern=_NAME, max_length=_LONGEST_NAME)]  # used as a name of meshes, and printed
 
 
 class Interior(Frozen):
@@ -52,9 +49,9 @@ class Interior(Frozen):
 
 
 class Landmark(Frozen):
-    """A detectable object: COCO label, centre p_W [m], yaw about W's z [rad], size along its own axes [m].
+    """A detectable object: COCO label, centre p_WL [m], yaw about W's z [rad], size along its own axes [m].
 
-    Without a size it has its class's.
+    Without a size, the landmark has the size of its class.
     """
 
     label: Label
@@ -67,21 +64,21 @@ class CameraModel(Frozen):
     """A camera at p_BC, looking along B's x axis: C's z = B's x, C's x = -B's y, C's y = -B's z."""
 
     width: Side
-    """of its pictures [px]."""
+    """width of the pictures [px]."""
     height: Side
-    """of them [px]."""
+    """height of the pictures [px]."""
     focal_length: Positive
-    """along the picture's width [px]."""
+    """focal length along the picture's width [px]."""
     center: Vec2
-    """principal point, where the first pixel's centre is (0, 0) [px]."""
+    """principal point, with (0, 0) at the centre of the first pixel [px]."""
     position: Vec3
     """p_BC [m]."""
     aspect: Positive = 1.0
-    """focal length along the picture's height over that along its width [1]."""
+    """focal length along the picture's height divided by focal length along its width [1]."""
     distortion: Distortion = "none"
-    """how the lens bends straight lines, see model/lens.py."""
+    """distortion model of the lens, see model/lens.py."""
     coefficients: Coefficients = ()
-    """of brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; of fisheye k1, k2, k3, k4 [1]."""
+    """for brown_conrady k1, k2, p1, p2, or with k3, or with k3, k4, k5, k6; for fisheye k1, k2, k3, k4 [1]."""
 
     @model_validator(mode="after")
     def _has_a_lens(self) -> "CameraModel":
@@ -89,13 +86,13 @@ class CameraModel(Frozen):
         return self
 
     def check_lens(self) -> None:
-        """Refuse coefficients that are too few or too many, or that fold the picture; ValueError."""
+        """Raise ValueError if the number of coefficients is wrong, or if they fold the picture near its middle."""
         check_count(self.distortion, self.coefficients)
         if not self._lens[1]:
             raise ValueError(f".coefficients: {list(self.coefficients)}: fold the picture near its middle")
 
     def scaled_to(self, width: int) -> "CameraModel":
-        """Return the same camera at another resolution; InputError if such a picture has no pixels or too many.
+        """Return the same camera at another resolution; InputError if the picture would have no pixels or too many.
 
         A pixel's centre has integer coordinates, so the principal point moves by c -> (c + 1/2) s - 1/2.
         """
@@ -113,7 +110,7 @@ class CameraModel(Frozen):
 
     @property
     def constants(self) -> Camera:
-        """The camera as compiled functions take it."""
+        """The camera's constants for compiled functions."""
         image = np.array([self.width, self.height], dtype=float)
         return Camera(np.array(self.position), self.focal_length, np.array(self.center), image, self._lens[0])
 
@@ -125,7 +122,7 @@ class CameraModel(Frozen):
 
 
 Furniture = tuple[Label, float, float, float, float, float, float]
-Wall = Annotated[tuple[float, ...], Field(min_length=3, max_length=6)]  # x, y, yaw, and its size if not wall_size
+Wall = Annotated[tuple[float, ...], Field(min_length=3, max_length=6)]  # x, y, yaw, and a size unless it is wall_size
 
 
 OWN_CAMERA = CameraModel(
@@ -138,12 +135,13 @@ OWN_CAMERA = CameraModel(
 
 
 class Room(Frozen):
-    """The room as its file holds it; see ortilo_room.yaml for the meaning of each field, and its defaults here.
+    """The content of a room file; ortilo_room.yaml explains the fields, the defaults are here.
 
-    A wall may have a size of its own, as three further numbers: [x, y, yaw, length, thickness, height]. A flight whose
-    scenario names no start or goal takes the room's, x and y [m]. A landmark class of ortilo_room.yaml needs no size. A
-    file may have anchors by name as well, {0: {x: , y: , z: }}, see inputs/room_text.py.
-    A room without a name is called as its file.
+    A wall may have its own size, as three further numbers: [x, y, yaw, length, thickness, height]. If a scenario has no
+    start or goal, the room's is used, x and y [m]. A landmark class of ortilo_room.yaml needs no size. A file may also
+    give anchors by name, {0: {x: , y: , z: }}, see inputs/room_text.py.
+
+    A room without a name has the name of its file.
     """
 
     name: Label = "room"
@@ -187,17 +185,17 @@ class Room(Frozen):
         return self
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Room) and self._text == other._text  # pydantic's would compare the cached arrays too
+        return isinstance(other, Room) and self._text == other._text  # pydantic's own also compares the cached arrays
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> "Room":
-        """Return a copy with some fields changed; nothing that was computed from the old ones stays with it."""
+        """Return a copy with some fields changed and without the values cached from the old fields."""
         copied = super().model_copy(update=update, deep=deep)
         for computed in copied.__dict__.keys() - type(self).model_fields.keys():
             del copied.__dict__[computed]
         return copied
 
     def __hash__(self) -> int:
-        return hash(self._text)  # the sizes are dicts, which have no hash
+        return hash(self._text)  # the fields for sizes are dicts, which have no hash
 
     @cached_property
     def _text(self) -> str:
@@ -205,17 +203,17 @@ class Room(Frozen):
 
     @cached_property
     def classes(self) -> tuple[str, ...]:
-        """The landmark classes in order of first appearance; a detection's label is an index into it."""
+        """The landmark classes in order of first appearance; a detection's label is an index into this tuple."""
         return tuple(dict.fromkeys(landmark.label for landmark in self.landmarks))
 
     @cached_property
     def anchor_positions(self) -> np.ndarray:
-        """p_W of the anchors (n, 3)."""
+        """Positions of the anchors in W (n, 3) [m]."""
         return np.array(self.anchors)
 
     @cached_property
     def landmark_positions(self) -> np.ndarray:
-        """p_W of the landmarks (n, 3)."""
+        """Positions p_WL of the landmarks in W (n, 3) [m]."""
         return np.array([landmark.position for landmark in self.landmarks]).reshape(-1, 3)
 
     @cached_property
@@ -225,10 +223,10 @@ class Room(Frozen):
 
     @cached_property
     def landmark_outlines(self) -> np.ndarray:
-        """Points that span each landmark's convex hull, in W's axes from its surveyed centre [m] (n, m, 3).
+        """Points that span each landmark's convex hull, from its surveyed centre in the axes of W [m] (n, m, 3).
 
-        They are the class's outline (or else the corners of its box), scaled by half the size and turned by yaw.
-        The last point of a shorter list is repeated.
+        The points are the outline of the class (or else the corners of a box), scaled by half the size and turned by
+        yaw. The last point of a shorter list is repeated.
         """
         outlines = []
         for landmark in self.landmarks:
@@ -243,12 +241,12 @@ class Room(Frozen):
 
     @cached_property
     def landmark_sizes(self) -> np.ndarray:
-        """Extent along W's axes of the smallest box about each landmark's centre that holds its outline (n, 3)."""
+        """Size along W's axes of the smallest box about each landmark's centre that contains its outline (n, 3) [m]."""
         return 2.0 * np.abs(self.landmark_outlines).max(axis=1)
 
     @cached_property
     def wall_boxes(self) -> np.ndarray:
-        """The walls as rows (x, y, z of the centre, yaw, three half sizes) (n, 7)."""
+        """The walls as rows (x, y, z of the centre, yaw, three half sizes) (n, 7) [m, rad]."""
         rows = []
         for x, y, yaw, *size in self.walls:
             half = np.array(size or self.wall_size) / 2
@@ -257,12 +255,12 @@ class Room(Frozen):
 
     @cached_property
     def stand_cylinders(self) -> np.ndarray:
-        """The stands as rows (x, y, radius, height), standing on the floor (n, 4)."""
+        """The stands, on the floor, as rows (x, y, radius, height) (n, 4) [m]."""
         return np.array([[x, y, self.stand_radius, self.stand_height] for x, y in self.stands]).reshape(-1, 4)
 
 
 def load_room(path: Path = ORTILO_ROOM) -> Room:
-    """Read a room file; InputError names file, field, value and what is allowed."""
+    """Return the room of a file; InputError names file, field, value and the allowed values."""
     if not exists(path):
         raise InputError(f"room: {path}: no such room file")
     return _room_of(read_text(path), str(path))

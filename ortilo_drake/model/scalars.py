@@ -1,4 +1,4 @@
-"""Functions for float and AutoDiffXd alike: plain numbers, and linear equations with their derivatives."""
+"""Functions for both float and AutoDiffXd: values without derivatives, and linear equations with derivatives."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,22 +8,22 @@ from numba.extending import overload
 
 
 def values_of(v: np.ndarray) -> np.ndarray:
-    """Return an array without its derivatives, floats as they are; also inside compiled functions."""
+    """Return an array without derivatives; an array of floats is returned unchanged, also in compiled functions."""
     if v.dtype != object:
         return v
     return np.array([float(z.value()) if hasattr(z, "value") else float(z) for z in v.flat]).reshape(v.shape)
 
 
-@overload(values_of, strict=False)  # strict compares annotations, which a lambda has not
+@overload(values_of, strict=False)  # strict compares annotations, which a lambda does not have
 def _compiled_values_of(v: Any) -> Callable[[Any], Any]:
     return lambda v: v
 
 
 def solve(S: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """Return S^-1 B (m, n) of S (m, m); also inside compiled functions.
+    """Return S^-1 B (m, n), given S (m, m) and B (m, n); also in compiled functions.
 
-    Of AutoDiffXd it is X_0 + S_0^-1 (B - S X_0), with X_0 and S_0 the values: a step of iterative refinement, which has
-    the derivative of S^-1 B.
+    For AutoDiffXd the result is X_0 + S_0^-1 (B - S X_0), with X_0 and S_0 the values: one step of iterative
+    refinement, which has the derivative of S^-1 B.
     """
     S_0 = values_of(S)
     X_0: np.ndarray = np.linalg.solve(S_0, values_of(B))

@@ -3,28 +3,28 @@
 Frames: W is the paper's earth frame E (east, north, up), B the body (forward, left, up), C the camera
 (right, down, forward). Units are SI, angles in radians.
 
-Whatever crosses from the world to the onboard half is a *message*, a plain vector
+The world sends the onboard half *messages*. A message is a vector
 
     [arrived, stamp, payload ...]
 
-with ``arrived`` 1 in the tick in which the message is there and 0 otherwise, and ``stamp`` the time [s] at
-which its content was true. The payloads:
+with ``arrived`` 1 in the tick in which the message arrives and 0 otherwise, and ``stamp`` the time [s] at which its
+content was true. The payloads:
 
     imu         roll, pitch, yaw [rad]; w_WB_B [rad/s]; specific force f_B [m/s^2]          (9)
-    uwb         one range per anchor [m]; then one flag per anchor, 1 where its range is there  (2 n);
+    uwb         one range per anchor [m]; then one flag per anchor, 1 if its range is there     (2 n);
                 with uwb.kind differences rows of model/range_pairs.py: two anchors, difference [m], flag, age [s]
-    shutter     nothing; it goes with a picture on a port of its own                            (0)
+    shutter     nothing; the picture itself has its own port                                    (0)
     detections  MAX_DETECTIONS rows of (label, score, u_min, v_min, u_max, v_max), label -1 = unused
     fix         p_WB [m] (3), its covariance row by row [m^2] (9)
-    <own>       what a registered sensor sends, see model/parts.py
-    acted       ACTS rows of (since, stamp, u): the newest commands that acted, newest first: from when [s], the time
-                of the tick that sent it [s], u [N, N m]; stamp -1 where no command acted but what flies without
-                one, since -1 of an unused row; only where a scenario wants it
-    velocity    v_WB [m/s], Euler-angle rates [rad/s]; only where a scenario lends the servo the truth  (6)
+    <own>       payload of a registered sensor, see model/parts.py
+    acted       ACTS rows of (since, stamp, u): the newest commands that acted, newest first: time from which the
+                command acts [s], time of the tick that sent it [s], u [N, N m]; stamp is -1 if the failsafe acted
+                instead of a command, since is -1 in an unused row; only if a scenario asks for it
+    velocity    v_WB [m/s], Euler-angle rates [rad/s]; only if a scenario gives the servo the truth     (6)
 
-A sensor faster than the tick sends n samples in one message a tick: its payload is n rows [arrived, stamp, payload of
-one sample], oldest first, taken at t_k - h + h / n, ..., t_k. The head [arrived, stamp] is then that of the newest
-sample that is there.
+A sensor faster than the tick sends n samples in one message per tick. Its payload is n rows [arrived, stamp, payload of
+one sample], oldest first, taken at t_k - h + h / n, ..., t_k. The head [arrived, stamp] is the one of the newest sample
+that is there.
 """
 
 from typing import Final
@@ -66,18 +66,18 @@ REFERENCE_SIZE: Final = 9
 
 
 def uwb_size(anchors: int) -> int:
-    """Return the size of a uwb message for that many anchors."""
+    """Return the size of a uwb message of ranges to this number of anchors."""
     return PAYLOAD + 2 * anchors
 
 
 def samples_in(message: np.ndarray, n: int) -> np.ndarray:
-    """Return the samples in a message of a sensor faster than the tick, rows [arrived, stamp, payload] (n, 2 + p)."""
+    """Return the n samples in a message of a sensor faster than the tick: rows [arrived, stamp, payload] (n, 2 + p)."""
     return message[PAYLOAD:].reshape(n, -1)
 
 
 def size_of_samples(size: int, n: int) -> int:
-    """Return the size of a message that carries n samples, each of that size with its own arrived and stamp.
+    """Return the size of a message with n samples, each of `size` numbers including its own arrived and stamp.
 
-    It is also the index at which sample n of a longer message begins.
+    The result is also the index at which sample n of a longer message begins.
     """
     return PAYLOAD + n * size

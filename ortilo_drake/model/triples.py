@@ -1,9 +1,9 @@
-"""Vectors of a few numbers as tuples, for compiled functions: an array costs more than the arithmetic."""
+"""Short vectors as tuples, for compiled functions: an array would cost more than the arithmetic."""
 
 import numpy as np
 from numba.extending import register_jitable
 
-Triple = tuple[float, float, float]  # of any scalar, as the others
+Triple = tuple[float, float, float]  # this and the next types are for any scalar type
 Four = tuple[float, float, float, float]
 Six = tuple[float, float, float, float, float, float]
 Twelve = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
@@ -11,7 +11,7 @@ Twelve = tuple[float, float, float, float, float, float, float, float, float, fl
 
 @register_jitable
 def triple(v: np.ndarray) -> Triple:
-    """Return the three numbers of an array."""
+    """Return the first three numbers of an array as a tuple."""
     return v[0], v[1], v[2]
 
 
@@ -29,17 +29,17 @@ def minus(a: Triple, b: Triple) -> Triple:
 
 @register_jitable
 def times(s: float, a: Triple) -> Triple:
-    """Return s a."""
+    """Return the product s a of a number and a vector."""
     return s * a[0], s * a[1], s * a[2]
 
 
 @register_jitable
 def dot(a: Triple, b: Triple) -> float:
-    """Return a . b."""
+    """Return the scalar product a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @register_jitable
 def cross(a: Triple, b: Triple) -> Triple:
-    """Return a x b."""
+    """Return the cross product a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

@@ -1,4 +1,4 @@
-"""Safe, strict YAML into frozen pydantic models, with one clear line for whatever is wrong."""
+"""Safe, strict reading of YAML into frozen pydantic models, with one clear line for each error."""
 
 import json
 import math
@@ -18,9 +18,9 @@ from ortilo_drake.model.inputs.problems import SHOWN, Place, emptied, first_prob
 M = TypeVar("M", bound=BaseModel)
 V = TypeVar("V")
 
-LARGEST = 1e12  # larger numbers are no quantity of a room in SI units, and their squares may overflow
-DEEPEST = 32  # groups within groups; ours go to five
-SMALLEST = 1e-12  # of what must be positive: the square of a smaller number, by which we divide, may underflow
+LARGEST = 1e12  # no quantity of a room in SI units is larger, and the square of a larger number may overflow
+DEEPEST = 32  # deepest nesting of groups; our own files have five levels
+SMALLEST = 1e-12  # smallest positive number: the square of a smaller one may underflow, and we divide by it
 
 
 def _not_tiny(value: float) -> float:
@@ -36,7 +36,7 @@ _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is eight ti
 
 
 def as_pairs(mapping: dict[str, V]) -> tuple[tuple[str, V], ...]:
-    """Return a mapping as pairs sorted by name, which have a hash as a mapping has not: dict(pairs) is it again."""
+    """Return a mapping as pairs sorted by name, which can be hashed; dict(pairs) gives the mapping again."""
     return tuple(sorted(mapping.items(), key=lambda item: item[0]))
 
 
@@ -45,20 +45,20 @@ class Frozen(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
-    if not TYPE_CHECKING:  # which checks the fields' types by pydantic's own
+    if not TYPE_CHECKING:  # type checkers use pydantic's own __init__
 
         def __init__(self, /, **data):
-            """Make it of its fields; InputError naming the field, its value and what is allowed."""
+            """Make the model from its fields; InputError naming the field, its value and the allowed values."""
             try:
                 super().__init__(**data)
             except ValidationError as error:
                 raise InputError(f"{type(self).__name__}: {first_problem(error, type(self))}") from None
 
-        __init__.__pydantic_base_init__ = True  # pydantic does not call it for the groups of a whole
+        __init__.__pydantic_base_init__ = True  # pydantic does not call it for groups within a model
 
 
 def _line(part: Any) -> str:
-    """Return 'line N' of a node or event; libyaml's and PyYAML's own have no common type."""
+    """Return 'line N' of a node or event; the types of libyaml and PyYAML have no common base class."""
     return f"line {part.start_mark.line + 1}"
 
 
@@ -79,7 +79,7 @@ def _mapping_of_unique_keys(loader: yaml.SafeLoader, node: yaml.MappingNode) -> 
 
 
 def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int | float:
-    """Return a number, unless YAML makes another of it than one reads: 010 is 8, 1:30 is 90."""
+    """Return a number; InputError if YAML reads it differently from a person: 010 is 8, 1:30 is 90."""
     construct = loader.construct_yaml_int if node.tag.endswith("int") else loader.construct_yaml_float
     value, text = construct(node), node.value.lstrip("+-")
     if ":" in text or (text[:1] == "0" and text.isdigit() and value):
@@ -93,7 +93,7 @@ _UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG,
 
 
 def _refuse_bombs(text: str) -> None:
-    """Refuse aliases, which can make a small file endless, and groups nested so deeply that a parser gives up."""
+    """Raise InputError for aliases, with which a small file may expand without end, and for too deep nesting."""
     depth = 0
     for event in yaml.parse(text, Loader=_Loader):
         if isinstance(event, yaml.AliasEvent):
@@ -106,15 +106,15 @@ def _refuse_bombs(text: str) -> None:
             raise InputError(f"{_line(event)}: nested more than {DEEPEST} deep")
 
 
-Names = Callable[[yaml.Node], Iterable[yaml.Node]]  # the scalars of a document that are names
+Names = Callable[[yaml.Node], Iterable[yaml.Node]]  # returns the scalars of a document that are names
 
 
 def parse_yaml(text: str, source: str, names: Names | None = None) -> Any:
     """Return the plain data of a YAML text.
 
-    The scalars that are `names` are text as they are written, whatever YAML makes of 0715, 1516 or no. InputError,
-    which begins with the source, if the text is not YAML, repeats a key, has aliases, is nested too deeply or uses a
-    tag that is not plain data.
+    The scalars that `names` returns stay text as written, also if YAML would read a number or a boolean, as in 0715,
+    1516 or no. InputError, which begins with the source, if the text is not YAML, repeats a key, has aliases, is nested
+    too deeply or uses a tag that is not plain data.
     """
     try:
         _refuse_bombs(text)
@@ -133,7 +133,7 @@ def parse_yaml(text: str, source: str, names: Names | None = None) -> Any:
 
 
 def _what_and_where(error: Exception, text: str) -> str:
-    """Return an error of YAML as its place and what is wrong there, without the parser's name of the text."""
+    """Return a YAML error as text: its place and the problem, without the parser's name of the text."""
     mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
     if mark is None or not problem:
         return " ".join(str(error).split())
@@ -144,10 +144,10 @@ def _what_and_where(error: Exception, text: str) -> str:
 
 
 def _not_plain(data: Any, place: Place = ()) -> Iterator[tuple[Place, str]]:
-    """Yield where data is what no model of ours could hold, whatever its fields, and the line of it."""
+    """Yield place and error line of each value that no model could hold, whatever its fields are."""
     field, largest = ".".join(map(str, place)), LARGEST
     if isinstance(data, int) and "seed" in field:
-        largest = 2**64  # seeds alone are larger; an integer may be for a float
+        largest = 2**64  # only seeds may be larger; an integer may stand for a float
     if isinstance(data, float) and not math.isfinite(data):
         yield place, f"{field}: {data}: must be a finite number"
     elif isinstance(data, int | float) and abs(data) > largest:
@@ -166,31 +166,31 @@ def _not_plain(data: Any, place: Place = ()) -> Iterator[tuple[Place, str]]:
 
 
 def _is_unicode(text: str) -> bool:
-    """Return whether a text has no lone surrogates, which YAML lets through and no file can hold."""
+    """Return whether a text has no lone surrogates, which YAML accepts but no file can hold."""
     return text.isascii() or not any("\ud800" <= c <= "\udfff" for c in text)
 
 
 def validate(model: type[M], data: Any, source: str) -> M:
-    """Return plain data as a typed model; InputError names source, field, value and what is allowed.
+    """Return plain data as a typed model; InputError names source, field, value and the allowed values.
 
-    If the pydantic model has a classmethod model_for, that says which model the data is of.
+    If the pydantic model has a classmethod model_for, this method chooses the model for the data.
     """
     for _, problem in _not_plain(data):
         raise InputError(f"{source}: {problem}")
     model = getattr(model, "model_for", lambda _: model)(data)
     try:
-        # Through JSON, pydantic's strict mode takes YAML's lists for tuples and still refuses '1' for 1.
+        # From JSON, pydantic's strict mode accepts YAML's lists as tuples, and still refuses '1' for 1.
         return model.model_validate_json(json.dumps({} if data is None else data))
     except ValidationError as error:
         raise InputError(f"{source}: {first_problem(error, model)}") from None
 
 
 def all_problems(model: type[BaseModel], data: Any, stand_in: Mapping[str, Any]) -> list[str]:
-    """Return a line for each thing that is wrong with plain data of a model; none if it is right.
+    """Return a line for each problem in plain data of a model; an empty list if the data is valid.
 
-    A model checks its fields together only once each is right. So wrong fields are left out and the rest is checked,
-    with right values to stand in for those that the model needs; a field that was reported before is not reported then,
-    as the second problem may follow from the first.
+    A model checks its fields together only if each field is valid. So wrong fields are left out and the rest is
+    checked, with the valid values of `stand_in` for fields that the model needs. A field reported before is not
+    reported again, because its second problem may follow from the first.
     """
     if not isinstance(data, dict):
         return [f"the file: {shown(data)}: must hold fields by name, not {type(data).__name__}"]
@@ -215,10 +215,10 @@ def all_problems(model: type[BaseModel], data: Any, stand_in: Mapping[str, Any])
 
 
 def _name(place: Place, line: str) -> str:
-    """Return the field of the whole that a problem is in; one across fields names it itself."""
+    """Return the top-level field of a problem; the line of a problem across fields begins with the field."""
     return str(place[0]) if place else re.split("[.:]", line)[0]
 
 
 def load_yaml(model: type[M], path: Path) -> M:
-    """Read a YAML file into a typed model; InputError if anything is wrong."""
+    """Return the typed model of a YAML file; InputError if anything is wrong."""
     return validate(model, parse_yaml(read_text(path), str(path)), str(path))

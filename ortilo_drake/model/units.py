@@ -1,4 +1,4 @@
-"""Units of the numbers in signals, by their names."""
+"""Units of the numbers in signals, found by the numbers' names."""
 
 from typing import Final
 
@@ -12,16 +12,16 @@ _UNITS: Final = {
     **dict(zip(CONTROL_NAMES, ("N", "N m", "N m", "N m"), strict=True)),
     **{f"r_{axis}{dots}": unit for dots, unit in (("", "m"), ("_dot", "m/s"), ("_ddot", "m/s^2")) for axis in "xyz"},
 }
-# States that a filter has beside the vehicle's, and the accelerometer's rows (onboard/estimator/extra_states.py); W_1
-# and so on are speeds of rotors.
+# Extra states of a filter, and the accelerometer's rows (onboard/estimator/extra_states.py); W_1, W_2, ... are rotor
+# speeds.
 _BY_LETTER: Final = {"d": "N", "f": "N", "n": "N m", "b": "m/s^2", "a": "m/s^2", "c": "rad/s", "W": "rad/s"}
 
 
 def unit_of(name: str, rows: Rows = ()) -> str:
-    """Return the unit of a number by its name, as in 'm/s' of x_dot, x_dot_hat and x_dot_flow.
+    """Return the unit of a number by its name, for example 'm/s' for x_dot, x_dot_hat and x_dot_flow.
 
-    It is that of a state, its estimate, a control, a reference, a row of y or a bias of one. A row of the measurement
-    has the unit of the first of the vehicle's states that it sees.
+    The number may be a state, an estimate, a control, a reference, a row of y or a bias of a row. A row of y has the
+    unit of the first vehicle state in the row.
     """
     name = name.removesuffix("_hat").removeprefix("bias_")
     for row in (row for _, own in rows for row in own if row.name == name):
@@ -32,7 +32,7 @@ def unit_of(name: str, rows: Rows = ()) -> str:
 
 
 def product_of_units(a: str, b: str) -> str:
-    """Return the product of two units as text, as in '(m/s)^2', 'm rad/s'."""
+    """Return the product of two units as text, for example '(m/s)^2' or 'm rad/s'."""
     if a != b:
         return f"{a} {b}"
     return f"({a})^2" if "/" in a or " " in a else f"{a}^2"

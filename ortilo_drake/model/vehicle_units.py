@@ -1,9 +1,9 @@
-"""Warn of a vehicle whose numbers do not belong together, most likely because one is in a wrong unit.
+"""Warnings about a vehicle with inconsistent numbers, most likely because a number is in a wrong unit.
 
-Nine ratios of published multirotors, from the Crazyflie's 30 g to the M100's 2.7 kg, lie within a factor of a few
-(SIGNS; the vehicles are in tests/model/test_vehicle_units.py and docs/how_to/own_vehicle.md). A ratio out of its range
-says that something is wrong, but not which of its numbers. The blame falls on the number whose change from a usual
-mistake (MISTAKES), or by a power of ten, brings most ratios back.
+For published multirotors, from the Crazyflie's 30 g to the M100's 2.7 kg, nine ratios vary only by a factor of a few
+(SIGNS; the vehicles are in tests/model/test_vehicle_units.py and docs/how_to/own_vehicle.md). A ratio outside its range
+shows that a number is wrong, but not which one. The warning names the number whose correction, from a usual mistake
+(MISTAKES) or by a power of ten, brings most ratios back into their ranges.
 """
 
 from collections.abc import Callable
@@ -13,13 +13,13 @@ import numpy as np
 
 from ortilo_drake.model.vehicle import GRAVITY, M100, Vehicle
 
-_PER_RPM = 30.0 / np.pi  # rpm in a rad/s
-_UNUSUAL = 2.0  # added to the distance of a change that is no usual mistake: a factor of 4 in one ratio
+_PER_RPM = 30.0 / np.pi  # rpm in one rad/s
+_UNUSUAL = 2.0  # added to the distance of a change that is not a usual mistake; equals a factor of 4 in one ratio
 _POWERS = [10.0**n for n in range(-7, 8) if n]
 
 
 class Sign(NamedTuple):
-    """A ratio of a vehicle's numbers, its range, the median of the published ones, and words for a value."""
+    """A ratio of a vehicle's numbers, its range, its median over the published vehicles, and a text for a value."""
 
     of: Callable[[Vehicle], float]
     low: float
@@ -29,33 +29,33 @@ class Sign(NamedTuple):
 
 
 def thrust_ratio(vehicle: Vehicle) -> float:
-    """The largest thrust over the weight [1]; below 1.2 little is left to tilt and climb with."""
+    """Return the largest thrust over the weight [1]; below 1.2 little thrust is left to tilt and climb."""
     return vehicle.largest_thrust / vehicle.hover_thrust
 
 
 def hover_speed(vehicle: Vehicle) -> float:
-    """The rotors' angular speed at hover times the arm [m/s]."""
+    """Return the rotors' angular speed at hover times the arm [m/s]."""
     return float(vehicle.hover_rotor_speeds.max()) * vehicle.longest_arm
 
 
 def gyration(vehicle: Vehicle) -> float:
-    """The radius of gyration sqrt(I / m) over the arm [1], about the axis where that is farthest from 1."""
+    """Return the radius of gyration sqrt(I / m) over the arm [1], for the axis with the ratio farthest from 1."""
     ratios = np.sqrt(np.array(vehicle.inertia) / vehicle.mass) / vehicle.longest_arm
     return float(ratios[np.argmax(np.abs(np.log(ratios)))])
 
 
 def flatness(vehicle: Vehicle) -> float:
-    """I_z over the larger of I_x and I_y [1]: 2 for a flat disc, 1 for a ball, at most 2 for any body."""
+    """Return I_z over the larger of I_x and I_y [1]: 2 for a flat disc, 1 for a ball, at most 2 for any body."""
     return vehicle.inertia[2] / max(vehicle.inertia[:2])
 
 
 def spread(vehicle: Vehicle) -> float:
-    """The radius of gyration about z over the radius [1]: no body within r of its axis has an I_z above m r^2."""
+    """Return the radius of gyration about z over the radius r [1]: a body within r of its axis has I_z <= m r^2."""
     return float(np.sqrt(vehicle.inertia[2] / vehicle.mass)) / max(vehicle.longest_arm, vehicle.radius)
 
 
 def arm_for_mass(vehicle: Vehicle) -> float:
-    """The arm over the cube root of the mass [m/kg^(1/3)]: alike for bodies of one density and form."""
+    """Return the arm over the cube root of the mass [m/kg^(1/3)], which is equal for bodies of one density and form."""
     return vehicle.longest_arm / float(np.cbrt(vehicle.mass))
 
 
@@ -81,7 +81,7 @@ UNITS = {
     "radius": "m",
 }
 _LENGTHS = {"mm": 1e-3, "cm": 0.01, "inches": 0.0254}
-_OTHER_UNITS: dict[tuple[str, ...], dict[str, float]] = {  # what numbers may be in instead, and the size of that
+_OTHER_UNITS: dict[tuple[str, ...], dict[str, float]] = {  # other possible units of the numbers, and their sizes
     ("mass",): {"g": 1e-3, "lb": 0.45359237},
     ("inertia",): {"g m²": 1e-3, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9},
     ("arm_length",): _LENGTHS,
@@ -92,7 +92,7 @@ _OTHER_UNITS: dict[tuple[str, ...], dict[str, float]] = {  # what numbers may be
     ("rotor_max_speed",): {"rpm": 1.0 / _PER_RPM, "rev/s": 2.0 * np.pi},
 }
 _LIFT, _DRAG = {"rotor_lift": _PER_RPM**2}, {"rotor_drag": _PER_RPM**2}
-MISTAKES: list[tuple[str, dict[str, float]]] = [  # what the numbers are instead, and the factors that mend them
+MISTAKES: list[tuple[str, dict[str, float]]] = [  # usual mistakes, and the factors that correct the numbers
     *((f"in {unit}", dict.fromkeys(keys, size)) for keys, of in _OTHER_UNITS.items() for unit, size in of.items()),
     ("the whole wheelbase", {"arm_length": 0.5}),
     ("the diameter", {"radius": 0.5}),
@@ -102,14 +102,14 @@ MISTAKES: list[tuple[str, dict[str, float]]] = [  # what the numbers are instead
 
 
 class Change(NamedTuple):
-    """The values that some fields would have were they mended, and the mistake, if it is a usual one."""
+    """The corrected values of some fields, and the mistake, if it is a usual one."""
 
     values: dict[str, Any]
     mistake: str = ""
 
 
 def vehicle_units(vehicle: Vehicle) -> list[str]:
-    """A line for each number that does not fit the others: the field, its value, and what is usual."""
+    """Return a line for each number that does not fit the others: the field, its value, and the usual range."""
     lines: list[str] = []
     now, odd = vehicle, _odd(vehicle)
     while odd:
@@ -135,10 +135,10 @@ def _odd(vehicle: Vehicle) -> list[Sign]:
 
 
 def _changes(vehicle: Vehicle) -> list[Change]:
-    """Every mistake that is tried: the usual ones, then each number by each power of ten."""
+    """Return all changes to try: corrections of the usual mistakes, then each number times each power of ten."""
     usual = [Change({key: _times(vehicle, key, by) for key, by in by_key.items()}, said) for said, by_key in MISTAKES]
     drag, lift, most = vehicle.rotor_drag, vehicle.rotor_lift, vehicle.rotor_max_speed
-    reach = max(vehicle.radius, 1.6 * vehicle.longest_arm)  # so far do propellers reach, if the radius leaves them out
+    reach = max(vehicle.radius, 1.6 * vehicle.longest_arm)  # reach of the propellers, if the radius leaves them out
     return [
         *usual,
         Change({"rotor_lift": drag, "rotor_drag": lift}, "swapped"),
@@ -156,7 +156,7 @@ def _times(vehicle: Vehicle, key: str, factor: float) -> Any:
 
 
 def _changed(vehicle: Vehicle, change: Change) -> Vehicle:
-    """The vehicle with other values, unchecked: what cannot hover is a vehicle too."""
+    """Return the vehicle with the changed values, without validation, as it may be unable to hover."""
     values = dict(change.values)
     if "arm_length" in values and vehicle.arms is not None:
         by = values["arm_length"] / vehicle.arm_length
@@ -165,14 +165,14 @@ def _changed(vehicle: Vehicle, change: Change) -> Vehicle:
 
 
 def _far(vehicle: Vehicle, change: Change) -> float:
-    """How far the changed vehicle is from what is usual, and more if the change is no usual mistake."""
+    """Return the distance of the changed vehicle's ratios from the usual ones, larger for an unusual mistake."""
     changed = _changed(vehicle, change)
     far = sum(float(np.log(sign.of(changed) / sign.usual)) ** 2 for sign in SIGNS)
     return far if change.mistake else far + _UNUSUAL
 
 
 def _number(vehicle: Vehicle, key: str) -> str:
-    """A field with its value and unit."""
+    """Return a field with its value and unit as text."""
     if key == "arm_length" and vehicle.arms is not None:
         return f"arms: {vehicle.longest_arm:.4g} m"
     value = getattr(vehicle, key)
@@ -181,7 +181,7 @@ def _number(vehicle: Vehicle, key: str) -> str:
 
 
 def _asked(vehicle: Vehicle, change: Change, rivals: list[Change]) -> str:
-    """The question that the fields ask, if they have one; with the mistakes that mend as much."""
+    """Return the question to the user about the change, if there is one, with the other equally good mistakes."""
     key = next(iter(change.values))
     of_arms = key == "arm_length" and vehicle.arms is not None
     if not of_arms and getattr(vehicle, key) == getattr(M100, key):
@@ -196,7 +196,7 @@ def _asked(vehicle: Vehicle, change: Change, rivals: list[Change]) -> str:
 
 
 def _said(signs: list[Sign], vehicle: Vehicle) -> str:
-    """The first two signs with their values and usual ranges."""
+    """Return the first two signs with their values and usual ranges as text."""
     return "; ".join(
         f"{sign.says.format(sign.of(vehicle))}, usual is "
         + (f"{sign.low:.3g} to {sign.high:g}" if sign.low else f"up to {sign.high:g}")

@@ -1,1 +1,1 @@
-"""The sensors, each described once: its message, its link, its fix, and what it tells the filter."""
+"""The sensors, each described once: the message, the link, the fix, and the rows that the filter gets."""

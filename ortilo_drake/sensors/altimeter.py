@@ -2,8 +2,8 @@
 
     r = (z - z_floor) / (cos phi cos theta) + s(r) v,   s(r)^2 = sd^2 + (fraction r)^2,   v standard normal
 
-It sees the floor and nothing that stands on it; the planned paths keep the vehicle's radius off those things. Onboard
-the range is turned upright by the estimated attitude:
+The altimeter measures the distance to the floor, not to objects on it; planned paths keep the vehicle's radius from
+such objects. The onboard half turns the range to the vertical with the estimated attitude:
 
     z = z_floor + r cos phi cos theta,   V = (s(r) cos phi cos theta)^2 + (dz/dphi)^2 P_phi + (dz/dtheta)^2 P_theta
 """
@@ -23,24 +23,24 @@ from ortilo_drake.model.typed_yaml import Positive
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario.own_parts import SensorSettings
 
-LEAST_UPRIGHT = cos(1.2)  # of a tilt of 1.2 rad, beyond which the beam meets the floor too far away
+LEAST_UPRIGHT = cos(1.2)  # the largest tilt is 1.2 rad; beyond it the beam meets the floor too far away
 
 
 class Altimeter(SensorSettings):
-    """A range finder that looks down; by default a small lidar's, ours."""
+    """A range finder that looks down; the defaults are our figures for a small lidar."""
 
     sd: Positive = 0.02
-    """noise that does not depend on the range [m]."""
+    """noise sd that does not depend on the range [m]."""
     fraction: NonNegativeFloat = 0.01
-    """noise over the range [1]."""
+    """noise sd that grows with the range, as a share of the range [1]."""
     max_range: Annotated[float, Field(gt=0.0, le=1000.0)] = 8.0
-    """farther floors give no range [m]."""
+    """largest range: a floor farther away gives no range [m]."""
 
 
 class AltimeterNumbers(NamedTuple):
-    """The numbers of an altimeter, as compiled functions take them.
+    """The numbers of an altimeter, for compiled functions.
 
-    Fields as Altimeter, and floor, its z [m].
+    The fields are those of Altimeter, and `floor`, the z of the floor [m].
     """
 
     floor: float
@@ -50,27 +50,27 @@ class AltimeterNumbers(NamedTuple):
 
 
 def numbers_of(scenario: Belief, room: Room) -> AltimeterNumbers:
-    """Return an altimeter's numbers."""
+    """Return the numbers of the scenario's altimeter in this room."""
     settings = scenario.settings_of("altimeter")
     return AltimeterNumbers(float(room.interior.min[2]), settings.sd, settings.fraction, settings.max_range)
 
 
 @register_jitable
 def noise_sd(numbers: AltimeterNumbers, r: float) -> float:
-    """Return s(r) [m] at a range r [m]."""
+    """Return the noise sd s(r) [m] of a range r [m]."""
     return np.sqrt(numbers.sd**2 + (numbers.fraction * r) ** 2)
 
 
 @cached_njit
 def slant_range(x: np.ndarray, floor: float) -> float:
-    """Return the distance to the floor along the beam [m] at a state (12); inf where the beam does not meet it."""
+    """Return the distance to the floor along the beam [m] at a state (12); inf if the beam does not meet the floor."""
     upright = cos(x[3]) * cos(x[4])
     return (x[2] - floor) / upright if upright > LEAST_UPRIGHT else np.inf
 
 
 @cached_njit
 def measured_range(numbers: AltimeterNumbers, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-    """Return the payload [r], nothing where there is none; arguments as model.parts.Compiled's measure."""
+    """Return the payload [r], an empty array if there is no range; see `measure` of model.parts.Compiled."""
     r = slant_range(x, numbers.floor)
     if not 0.0 < r <= numbers.max_range:
         return np.zeros(0)
@@ -80,7 +80,7 @@ def measured_range(numbers: AltimeterNumbers, x: np.ndarray, v: np.ndarray, t: f
 
 @cached_njit
 def upright_range(numbers: AltimeterNumbers, payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return z and its variance, nothing where there is none; arguments as model.parts.Compiled's solve."""
+    """Return z and its variance, an empty array if the tilt is too large; see `solve` of model.parts.Compiled."""
     r, phi, theta = payload[0], xhat[3], xhat[4]
     upright = cos(phi) * cos(theta)
     if not upright > LEAST_UPRIGHT:
@@ -94,12 +94,12 @@ COMPILED = Compiled(numbers_of, 1, 1, measured_range, upright_range)
 
 
 def slant_ranges(states: np.ndarray, floor: float) -> np.ndarray:
-    """Return slant_range at states (n, 12)."""
+    """Return the distances to the floor along the beam (n) [m] at states (n, 12)."""
     return np.array([slant_range(x, floor) for x in np.ascontiguousarray(states)])
 
 
 def row_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
-    """Return the noise of z (n, 1) [m] at true states (n, 12), NaN where there is no range."""
+    """Return the noise sd of z (n, 1) [m] at true states (n, 12), NaN if there is no range."""
     numbers = numbers_of(scenario, room)
     r = slant_ranges(states, numbers.floor)
     upright = np.cos(states[:, 3]) * np.cos(states[:, 4])
@@ -109,7 +109,7 @@ def row_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
 
 
 def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest range that a packet may hold."""
+    """Return the smallest and the largest range that a packet may hold (1 each) [m]."""
     numbers = numbers_of(scenario, room)
     return np.zeros(1), np.array([numbers.max_range + 10.0 * noise_sd(numbers, numbers.max_range)])
 

@@ -1,4 +1,4 @@
-"""The camera, boxes of the room's landmarks: everything that the laboratory knows of it."""
+"""The complete description of the camera, which measures boxes of the room's landmarks."""
 
 from collections.abc import Mapping
 
@@ -25,7 +25,7 @@ from ortilo_drake.world.sensors.projected_camera import camera_box
 
 
 def as_known(scenario: Belief, room: Room) -> Room:
-    """Return the room with the landmarks' shapes as far as they are known onboard."""
+    """Return the room as known onboard: with the landmarks' outlines, or only with their sizes."""
     return room if scenario.landmark_fix.shapes == "outlines" else room.model_copy(update={"landmark_outline": {}})
 
 
@@ -35,18 +35,18 @@ def make_solver(scenario: Belief, room: Room) -> LandmarkFix:
 
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
-    """Return the covariance of a fix as the filter believes it, None where it comes with each."""
+    """Return the fix's noise covariance in the filter's settings, None if each fix has its own covariance."""
     its = scenario.linear_filter
     return None if its is None or its.V.camera is None else np.diag(its.V.camera)
 
 
 def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:
-    """Return the covariance of the fix where the filter believes x (12) to be, by the solver that flies."""
+    """Return the covariance of the fix if the estimate is x (12), computed by the onboard solver."""
     return camera_theory.fix_of_boxes(scenario, x, camera_theory.likely_detections(scenario, room, x))[1]
 
 
 def solver(scenario: Belief, room: Room) -> Box | None:
-    """Return the landmark fix as an element; None where its method is OpenCV's."""
+    """Return the landmark fix as an element; None if its method is OpenCV's."""
     if scenario.landmark_fix.method not in ELEMENTS:
         return None
     period = scenario.every("camera") * scenario.h
@@ -54,7 +54,7 @@ def solver(scenario: Belief, room: Room) -> Box | None:
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Values]:
-    """Return the true camera (place, angles, focal length) and the true places of the landmarks."""
+    """Return the true camera (position, angles, focal length) and the true positions of the landmarks."""
     if scenario.is_rendered:
         return {}
     believed = room.camera.scaled_to(scenario.image_width)
@@ -68,7 +68,7 @@ def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) 
 
 
 def only_drake(scenario: Scenario) -> str | None:
-    """Return the setting by which Drake alone can play the camera or its fix, which the tight filter does not take."""
+    """Return the setting of the camera or its fix that only Drake can play; the tight filter does not use the fix."""
     if scenario.is_rendered:
         return "camera.kind: rendered"
     method = scenario.landmark_fix.method
@@ -76,9 +76,9 @@ def only_drake(scenario: Scenario) -> str | None:
 
 
 def check(scenario: Scenario, room: Room) -> None:
-    """Refuse a camera whose image is too small or kept too long, whose files are wrong, or that cannot be drawn here.
+    """Check the camera's settings; InputError names the wrong setting.
 
-    InputError naming the setting.
+    The image may be too small or be stored too long, files may be wrong, or this machine may be unable to render.
     """
     try:
         camera = room.camera.scaled_to(scenario.image_width)
@@ -103,9 +103,9 @@ def check(scenario: Scenario, room: Room) -> None:
 
 
 def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest rows of a box."""
+    """Return the smallest and the largest payload, a row for each box."""
     camera = room.camera.scaled_to(scenario.image_width)
-    width, height = camera.width - 0.5, camera.height - 0.5  # of a pixel's centre at whole numbers
+    width, height = camera.width - 0.5, camera.height - 0.5  # a pixel's centre has integer coordinates
     low, high = [-1.0, 0.0, *[-0.5] * 4], [len(room.classes) - 1.0, 1.0, width, height, width, height]
     return np.tile(low, MAX_DETECTIONS), np.tile(high, MAX_DETECTIONS)
 
@@ -143,5 +143,5 @@ SENSOR = Sensor(
     components="xyz",
     noise_settings=("landmark_fix.center_sd",),
     noise_numbers=lambda scenario: {"landmark_fix.center_sd": scenario.landmark_fix.center_sd},
-    nominal_variances=(*(0.08,) * 3, *(0.0025,) * 3),  # of a position as printed in the paper [m^2], of angles ours
+    nominal_variances=(*(0.08,) * 3, *(0.0025,) * 3),  # position: the paper's [m^2]; angles: ours [rad^2]
 )

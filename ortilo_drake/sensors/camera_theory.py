@@ -1,7 +1,7 @@
-"""The theory of the boxes: likely boxes, their information and errors, and the errors of a fix of them.
+"""The theory of the boxes: likely boxes, their information and errors, and the errors of a fix made from them.
 
-The camera finds landmarks at random: those count whose detection rate is at least one half. The attitude's covariance,
-which the fix takes, is that of a filter long fed by the imu alone.
+The camera detects landmarks at random. The theory counts the landmarks with a detection rate of at least one half. The
+attitude's covariance for the fix is the settled one of a filter with the imu alone.
 """
 
 from functools import lru_cache
@@ -36,7 +36,7 @@ from ortilo_drake.world.sensors.landmark_view import (
     surroundings,
 )
 
-STEP = 0.05  # of the differences [px]
+STEP = 0.05  # step of the finite differences [px]
 MISMATCHES = (
     Mismatch("landmarks surveyed to sd [cm]", of_truth("survey.landmarks_sd", 0.01), 3.0, (5.0,), 160.0),
     Mismatch(
@@ -52,7 +52,7 @@ MISMATCHES = (
 
 @lru_cache(maxsize=16)
 def _camera_of(scenario: Scenario) -> tuple[Camera, Tables]:
-    """Return the camera and the rates at which it finds landmarks."""
+    """Return the scenario's camera and its tables of detection rates and errors."""
     room = scenario.load_room()
     return room.camera.scaled_to(scenario.image_width).constants, tables_of(scenario.camera, room, scenario.h)
 
@@ -66,7 +66,7 @@ def _landmark_fix(scenario: Scenario) -> LandmarkFix:
 
 
 def likely_views(scenario: Scenario, room: Room, x: np.ndarray) -> list[tuple[int, int, list[float]]]:
-    """Return the landmarks found more often than not at state x (12): number, class, and the box without error."""
+    """Return the landmarks with a detection rate of at least 0.5 at state x (12): index, class, error-free box [px]."""
     camera, tables = _camera_of(scenario)
     found = list[tuple[int, int, list[float]]]()
     for view in landmark_views(x, surroundings(room), camera, tables.limits):
@@ -82,16 +82,16 @@ def likely_views(scenario: Scenario, room: Room, x: np.ndarray) -> list[tuple[in
 
 
 def likely_detections(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
-    """Return the detections message of likely_views."""
+    """Return the detections message with the boxes of likely_views."""
     found = likely_views(scenario, room, x)
     boxes = np.array([box for _, _, box in found]).reshape(-1, 4)
     return detections_message(0.0, np.array([label for _, label, _ in found]), np.ones(len(found)), boxes)
 
 
 def fix_of_boxes(scenario: Scenario, x: np.ndarray, message: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the value (m) of the fix of a detections message, and its covariance (m, m); None if there is no fix.
+    """Return the value (m) of the fix of a detections message, and its covariance (m, m), None if there is no fix.
 
-    The filter believes to be at x (12).
+    The filter's estimate is x (12).
     """
     m, xhat = len(scenario.landmark_fix.rows), np.concatenate([x, np.zeros(N_XBAR - N_X)])
     P = block_diag(np.zeros((3, 3)), attitude_covariance(scenario), np.zeros((N_XBAR - 6, N_XBAR - 6)))
@@ -101,7 +101,7 @@ def fix_of_boxes(scenario: Scenario, x: np.ndarray, message: np.ndarray) -> tupl
 
 
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information | None:
-    """Return the information of the boxes, see information_camera.py; None of a detector that was not measured."""
+    """Return the information of the boxes, see information_camera.py; None if the detector's errors are not known."""
     tables = camera_tables(scenario, room)
     if tables is None:
         return None
@@ -110,9 +110,9 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
 
 
 def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return the unknown errors of the camera's and the landmarks' places."""
+    """Return the unknown errors of the camera's position and angles, and of the landmarks' positions."""
     survey, camera, n = scenario.truth.survey, scenario.truth.camera, len(room.landmark_positions)
-    turn = np.cross(np.eye(3), room.camera.position)  # of the camera's centre by each angle
+    turn = np.cross(np.eye(3), room.camera.position)  # derivative of the camera's position with respect to each angle
 
     def turned(rows: np.ndarray) -> np.ndarray:
         g = rows[:, GRADIENT]
@@ -127,9 +127,9 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
 
 
 def made(scenario: Scenario, room: Room, x: np.ndarray) -> Made | None:
-    """Return D (m, l) of the landmark fix at state x (12), and the rows of u and v of the boxes that it takes.
+    """Return D (m, l) of the landmark fix at state x (12), and the rows (l, 17) of u and v of the fix's boxes.
 
-    None of a detector that was not measured.
+    The result is None if the detector's errors are not known.
     """
     found = information(scenario, room, x[np.newaxis], np.ones(1, dtype=bool))
     if found is None:
@@ -151,7 +151,7 @@ def made(scenario: Scenario, room: Room, x: np.ndarray) -> Made | None:
 
 
 def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
-    """Return a scenario whose filter is told what its bank learns of the landmarks at state x (12)."""
+    """Return the scenario with the landmarks' survey error that the filter's bank learns at state x (12)."""
     settings, h = scenario.landmark_fix, scenario.h
     found = None if settings.survey_bank is None else made(scenario, room, x)
     if found is None:
@@ -160,7 +160,7 @@ def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
     M = residual_information(rows[:, GRADIENT][:, :6], rows[:, VARIANCE])
     A = along_position(-1.0, n, 2)(rows)
     seen = sorted({int(source) // 2 for source in rows[:, SOURCE]})
-    # each landmark is told of by itself
+    # the bank learns each landmark separately
     told = [A[:, 3 * i : 3 * i + 3].T @ np.where(_of(rows, i), M, 0.0) @ A[:, 3 * i : 3 * i + 3] for i in seen]
     fixes = MEMORY / (scenario.every("camera") * h) / REPEATS
     its_information = fixes * np.concatenate([np.linalg.eigvalsh(each) for each in told])
@@ -185,5 +185,5 @@ def _of(rows: np.ndarray, landmark: int) -> np.ndarray:
 
 
 def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
-    """Return the settings that the predicted rms leaves out, and those that it alone has; see model/parts.py."""
+    """Return the settings that the predicted rms neglects, and those that only it includes; see model/parts.py."""
     return {"landmark_fix.noise_scale": scenario.landmark_fix.noise_scale is not None}, {}

@@ -1,4 +1,4 @@
-"""The descriptions of the sensors that a scenario flies, built-in and registered ones alike."""
+"""The descriptions of a scenario's sensors, both built-in and registered ones."""
 
 from collections.abc import Iterable
 
@@ -15,7 +15,7 @@ BUILT_IN = {sensor.name: sensor for sensor in (uwb.SENSOR, camera.SENSOR, imu.SE
 
 
 def described(name: str) -> Sensor:
-    """Return the description of a sensor; KeyError if it is neither built in nor registered."""
+    """Return the description of the sensor with this name; KeyError if it is neither built in nor registered."""
     found = BUILT_IN.get(name) or find_sensor(name)
     if found is None:
         raise KeyError(name)
@@ -23,7 +23,7 @@ def described(name: str) -> Sensor:
 
 
 def port_of(name: str) -> str:
-    """Return the name of a sensor's messages at the ports of Drake's diagrams; of what is no sensor its own."""
+    """Return the name of a sensor's messages at the ports of Drake's diagrams; other names are returned unchanged."""
     found = BUILT_IN.get(name) or find_sensor(name)
     return name if found is None else found.port or name
 
@@ -34,23 +34,23 @@ def title_of(name: str) -> str:
 
 
 def measuring(things: str) -> str:
-    """Return the sensor that measures by the room's 'anchors', or its 'landmarks'."""
+    """Return the name of the built-in sensor that measures the room's `things`, 'anchors' or 'landmarks'."""
     return next(sensor.name for sensor in BUILT_IN.values() if sensor.measures == things)
 
 
 def unwired(names: Iterable[str]) -> tuple[str, ...]:
-    """Return those sensors whose messages go over a radio."""
+    """Return the names of the sensors whose messages go over a radio."""
     return tuple(name for name in names if not described(name).is_wired)
 
 
 def described_per_tick(name: str, scenario: Belief) -> Sensor:
-    """Return the description of a sensor as a scenario flies it: of one faster than the tick, that of its means."""
+    """Return the description of a sensor per tick; for a sensor faster than the tick, of the mean of its samples."""
     n = scenario.samples(name)
     return described(name) if n == 1 else with_samples(described(name), n)
 
 
 def covariance_at(name: str, scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:
-    """Return the covariance of the value that a sensor gives at true state x (12), None where it gives none."""
+    """Return the covariance of the value that a sensor gives at true state x (12), None if it gives none."""
     sensor = described_per_tick(name, scenario)
     if sensor.covariance is not None:
         return sensor.covariance(scenario, room, x)
@@ -62,9 +62,9 @@ def covariance_at(name: str, scenario: Scenario, room: Room, x: np.ndarray) -> n
 def information_of(
     name: str, scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray
 ) -> Information | None:
-    """Return the Fisher information of a sensor's messages, None where it is not known.
+    """Return the Fisher information of a sensor's messages, None if it is not known.
 
-    They reached the vehicle in the ticks that are seen (n), at true states (n, 12).
+    The messages reached the vehicle in the ticks marked in `seen` (n), at true states (n, 12).
     """
     sensor = described(name)
     if sensor.information is None:
@@ -74,7 +74,7 @@ def information_of(
 
 
 def as_learned(scenario: Scenario, x: np.ndarray) -> Scenario:
-    """Return a scenario whose filter is told what it learns at state x (12), hovering."""
+    """Return the scenario with the settings that its filter learns at hover at state x (12)."""
     room = scenario.load_room()
     for name in scenario.sensors:
         scenario = described(name).learned(scenario, room, x)

@@ -1,12 +1,12 @@
-"""Limits of a scenario's vehicle in its room, from which those of its sensors follow.
+"""Limits of the motion of a scenario's vehicle in its room; the limits of the sensors follow from them.
 
-The largest command gives the largest accelerations. These and the room give the largest velocities, and the positions
-and attitudes until the flight counts as lost (flight/lost.py):
+The largest command gives the largest accelerations. The accelerations and the room give the largest velocities, and
+the largest positions and attitudes before the flight counts as lost (flight/lost.py):
 
     a = f / m + g,  v = sqrt(2 a L),  alpha_i = tau_i / I_i,  w = sqrt(2 alpha 2 pi) + alpha h
 
-with L the room's diagonal: v is the speed after crossing the room, w that after a full turn, under the largest command
-from rest. Noise counts with SIGMAS standard deviations.
+with L the room's diagonal: v is the speed after crossing the room, w the rate after a full turn, from rest and with the
+largest command. Noise counts with SIGMAS standard deviations.
 """
 
 import math
@@ -18,7 +18,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.vehicle import GRAVITY, MAX_TILT, Vehicle, mixing_matrix
 from ortilo_drake.scenario import Scenario
 
-ASKED: Final = 8.0  # a servo may ask for this many times what the rotors give; ideal rotors give it
+ASKED: Final = 8.0  # a servo may command this many times the rotors' largest u, which ideal rotors provide
 SIGMAS: Final = 10.0
 
 
@@ -26,28 +26,28 @@ class Envelope(NamedTuple):
     """The limits of a vehicle's motion."""
 
     u: np.ndarray
-    """the size of a command [N, N m] (4)."""
+    """largest magnitude of a command [N, N m] (4)."""
     size: float
-    """of the room, its diagonal [m]."""
+    """diagonal of the room [m]."""
     force: float
-    """specific force [m/s^2]."""
+    """largest specific force [m/s^2]."""
     speed: float
-    """[m/s]."""
+    """largest speed [m/s]."""
     rate: float
-    """of the body [rad/s]."""
+    """largest body rate [rad/s]."""
     angles: np.ndarray
-    """roll, pitch and yaw [rad] (3)."""
+    """largest magnitudes of roll, pitch and yaw [rad] (3)."""
 
 
 def largest_command(vehicle: Vehicle) -> np.ndarray:
-    """Return the largest size of u (4) that a servo may ask for [N, N m]."""
+    """Return the largest magnitude of u (4) that a servo may command [N, N m]."""
     by_rotor = mixing_matrix(vehicle) * vehicle.rotor_max_speed**2
     either_way = [np.maximum(sign * by_rotor, 0.0).sum(axis=1) for sign in (1.0, -1.0)]
     return ASKED * np.maximum(*either_way)
 
 
 def envelope_of(scenario: Scenario, room: Room) -> Envelope:
-    """Return the limits of a scenario's vehicle in its room."""
+    """Return the limits of the motion of the scenario's vehicle in its room."""
     vehicle, h = scenario.vehicle, scenario.h
     size = float(np.linalg.norm(np.array(room.interior.max) - np.array(room.interior.min)))
     u, (force_sd, torque_sd) = largest_command(vehicle), scenario.world.disturbance.sds(h)

@@ -1,11 +1,11 @@
-"""A sensor faster than the tick, described as the filter takes it: by the mean of its samples in each tick.
+"""The description of a sensor faster than the tick, for the filter: the mean of the samples in each tick.
 
-The n samples of a tick lie at t_k - h + h / n, ..., t_k. Their mean is that of the state (n - 1) h / (2 n) ago, to
-first order in the state's change over a tick, and its noise has 1 / n of one sample's covariance. The rows of C say so
-(model/measurement.py, seen_earlier), thus filter, gates, theory bench and tube know the age; nothing is corrected by
-the estimate. Where a solver makes a fix of a message, it makes it of the mean payload. A covariance that comes with a
-fix is divided by n as a whole; the part of it that the filter's own error makes is common to the samples, so it comes
-out too small. An integrator of measured positions takes none that is a mean over the tick.
+The n samples of a tick are taken at t_k - h + h / n, ..., t_k. Their mean measures the state (n - 1) h / (2 n) ago, to
+first order in the state's change over a tick, with 1 / n of one sample's noise covariance. The rows of C include this
+age (model/measurement.py, seen_earlier), so filter, gates, theory bench and tube know it; nothing is corrected with the
+estimate. A solver gets the mean payload. A covariance that comes with a fix is divided by n as a whole. But the part
+due to the filter's own error is common to all samples, so this covariance is too small. An integrator of measured
+positions does not use a mean over the tick.
 """
 
 from dataclasses import replace
@@ -23,9 +23,9 @@ from ortilo_drake.sensors.messages import message_port, message_size, solver_of
 
 
 def with_samples(sensor: Sensor, n: int) -> Sensor:
-    """Return the description of a sensor that sends n samples a tick, of the description of a single sample.
+    """Return the description of a sensor that sends n samples per tick, given the description of a single sample.
 
-    Its rows, limits and make_world stay those of a sample: Scenario.measurement has the rows with their age,
+    Rows, limits and make_world stay those of a sample: Scenario.measurement has the rows with their age, and
     diagrams/world.py collects the samples.
     """
 
@@ -52,18 +52,19 @@ def with_samples(sensor: Sensor, n: int) -> Sensor:
 
 
 def make_mean_fix(sensor: Sensor, n: int, scenario: Belief, room: Room) -> Diagram:
-    """Return the Diagram that makes a tick's value from a message of n samples.
+    """Return the Diagram that computes the fix of a tick from a message of n samples.
 
     Ports:
         <message> (2 + n (2 + p)): n samples.
-        estimate (15), covariance (225): where the sensor's own solver wants them.
-        fix (output): as the sensor's own, the covariance in it divided by n; without a solver the mean message.
+        estimate (15), covariance (225): if the sensor's own solver reads them.
+        fix (output): the fix of the sensor's own solver with its covariance divided by n; without a solver, the mean
+            message.
 
     Args:
         sensor: the description of a single sample.
-        n: samples in a message.
+        n: number of samples in a message.
         scenario: the scenario.
-        room: its room.
+        room: the scenario's room.
     """
     builder = DiagramBuilder()
     solver = solver_of(sensor, scenario, room)
@@ -78,7 +79,7 @@ def make_mean_fix(sensor: Sensor, n: int, scenario: Belief, room: Room) -> Diagr
             if solver.HasInputPort(port):
                 builder.ExportInput(solver.GetInputPort(port), port)
         fix = solver.get_output_port()
-    if sensor.V(scenario) is None:  # it comes behind the value
+    if sensor.V(scenario) is None:  # the covariance comes after the value
         share = np.ones(fix.size())
         share[PAYLOAD + len(sensor.rows) :] = 1.0 / n
         of_mean = builder.AddSystem(Gain(share))

@@ -1,17 +1,17 @@
-"""Optical flow: a small camera that looks down and tells how fast the floor passes, with a gyro of its own.
+"""Optical flow: a small camera that looks down and measures how fast the floor moves in view, with its own gyro.
 
-At distance d along the body's axis the floor passes at (angular rates in B, x forward, y left)
+At the distance d along the body's axis, the floor moves with (angular rates in B, x forward, y left)
 
     flow = [-v_x / d + w_y,  -v_y / d - w_x] + s v,   s = flow_sd / quality,   quality = 1 / (1 + (d / far)^2)
 
-with v_B the velocity, w the body rates and v standard normal: the farther the floor, the coarser its texture. It gives
-nothing nearer than near, or where the flow is faster than max_flow. Onboard the gyro's rates are taken out and the rest
-is scaled by the distance that the estimate tells, d = (z - z_floor) / (cos phi cos theta):
+with v_B the velocity, w the body rates and v standard normal; the quality falls with the distance, as the texture
+becomes coarser. There is no measurement below the distance `near` or for flow above max_flow. The onboard half
+subtracts the gyro's rates and scales the rest with the estimated distance d = (z - z_floor) / (cos phi cos theta):
 
-    v_B = -d [flow_x - w_y,  flow_y + w_x],   turned into W by the estimated attitude,
+    v_B = -d [flow_x - w_y,  flow_y + w_x],   turned to W with the estimated attitude,
 
-with V from the noise of flow and gyro, and from the estimate's own uncertainty of the distance. That uncertainty is the
-filter's own error and not new in every tick, so V treats it as if it were.
+with V from the noise of flow and gyro and from the variance of the estimated distance. The distance's error is the
+filter's own and not new in every tick, but V treats it as if it were new.
 """
 
 from typing import Annotated, NamedTuple
@@ -31,28 +31,28 @@ from ortilo_drake.scenario.own_parts import SensorSettings
 from ortilo_drake.sensors.altimeter import slant_range, slant_ranges
 from ortilo_drake.world.vehicle.rotors import times
 
-WORST = 0.05  # quality below which there is no measurement
+WORST = 0.05  # smallest quality of a measurement
 
 
 class Flow(SensorSettings):
-    """An optical-flow sensor; by default of the kind sold for small multirotors, figures ours."""
+    """An optical-flow sensor; the defaults are our figures for the kind sold for small multirotors."""
 
     flow_sd: Positive = 0.02
-    """noise of each component at quality 1 [rad/s]."""
+    """noise sd of each component of the flow at quality 1 [rad/s]."""
     gyro_sd: Positive = 0.005
-    """noise of its gyro's rates [rad/s]."""
+    """noise sd of the rates of the sensor's gyro [rad/s]."""
     far: Positive = 4.0
     """distance at which the quality is one half [m]."""
     near: Positive = 0.1
-    """least distance [m]."""
+    """smallest distance at which the sensor measures [m]."""
     max_flow: Annotated[float, Field(gt=0.0, le=100.0)] = 7.4
-    """fastest flow that it can follow [rad/s]."""
+    """largest flow that the sensor can measure [rad/s]."""
 
 
 class FlowNumbers(NamedTuple):
-    """The numbers of an optical-flow sensor, as compiled functions take them.
+    """The numbers of an optical-flow sensor, for compiled functions.
 
-    Fields as Flow, and floor, its z [m].
+    The fields are those of Flow, and `floor`, the z of the floor [m].
     """
 
     floor: float
@@ -64,7 +64,7 @@ class FlowNumbers(NamedTuple):
 
 
 def numbers_of(scenario: Belief, room: Room) -> FlowNumbers:
-    """Return a flow sensor's numbers."""
+    """Return the numbers of the scenario's flow sensor in this room."""
     its = scenario.settings_of("flow")
     return FlowNumbers(float(room.interior.min[2]), its.flow_sd, its.gyro_sd, its.far, its.near, its.max_flow)
 
@@ -77,7 +77,7 @@ def quality_at(far: float, d: float) -> float:
 
 @cached_njit
 def flow_of(x: np.ndarray, d: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the flow without noise (2) and the body rates w_x, w_y (2) [rad/s] at state x (12), the floor at d [m]."""
+    """Return the noise-free flow (2) and the body rates w_x, w_y (2) [rad/s] at state x (12); the floor is at d [m]."""
     v_B = times(rotation_matrix(x[3:6]).T, x[6:9])
     w = body_rates(x[3:6], x[9:12])
     return np.array([-v_B[0] / d + w[1], -v_B[1] / d - w[0]]), np.array([w[0], w[1]])
@@ -85,7 +85,7 @@ def flow_of(x: np.ndarray, d: float) -> tuple[np.ndarray, np.ndarray]:
 
 @cached_njit
 def measured_flow(numbers: FlowNumbers, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-    """Return the payload [flow_x, flow_y, w_x, w_y, quality], nothing where there is none; see model.parts.Compiled."""
+    """Return the payload [flow_x, flow_y, w_x, w_y, quality], empty without a measurement; see model.parts.Compiled."""
     d = slant_range(x, numbers.floor)
     quality = quality_at(numbers.far, d)
     if not numbers.near <= d < np.inf or quality < WORST:
@@ -102,7 +102,7 @@ def measured_flow(numbers: FlowNumbers, x: np.ndarray, v: np.ndarray, t: float) 
 
 @cached_njit
 def velocity_over_ground(numbers: FlowNumbers, payload: np.ndarray, xhat: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return the velocity (2) and its covariance (4), nothing where there is none; see model.parts.Compiled."""
+    """Return the velocity in W (2) and its covariance (4), empty without a solution; see model.parts.Compiled."""
     d = slant_range(xhat, numbers.floor)
     if not numbers.near <= d < 1e3:
         return np.zeros(0)
@@ -110,7 +110,7 @@ def velocity_over_ground(numbers: FlowNumbers, payload: np.ndarray, xhat: np.nda
     R_WB = rotation_matrix(xhat[3:6])
     v_B = np.array([-d * turning[0], -d * turning[1], times(R_WB.T, xhat[6:9])[2]])
     variance = d**2 * ((numbers.flow_sd / max(payload[4], WORST)) ** 2 + numbers.gyro_sd**2)
-    to_W = R_WB[:2, :2]  # of which V_B = variance I + P_zz turning turning^T takes both sides
+    to_W = R_WB[:2, :2]  # V = to_W V_B to_W^T with V_B = variance I + P_zz turning turning^T
     turning_W, v_W = times(to_W, turning), times(R_WB, v_B)
     fix = np.empty(6)
     fix[:2] = v_W[:2]
@@ -125,7 +125,7 @@ COMPILED = Compiled(numbers_of, 5, 4, measured_flow, velocity_over_ground)
 
 
 def row_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
-    """Return the noise of the velocity (n, 2) [m/s] at true states (n, 12), NaN where there is none."""
+    """Return the noise sd of the velocity (n, 2) [m/s] at true states (n, 12), NaN without a measurement."""
     numbers = numbers_of(scenario, room)
     d = slant_ranges(states, numbers.floor)
     quality = quality_at(numbers.far, d)
@@ -136,7 +136,7 @@ def row_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
 
 
 def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest payload that a packet may hold."""
+    """Return the smallest and the largest payload that a packet may hold (5 each)."""
     settings = scenario.settings_of("flow")
     flow, rate = settings.max_flow + 10.0 * settings.flow_sd / WORST, 1e3
     high = np.array([flow, flow, rate, rate, 1.0])

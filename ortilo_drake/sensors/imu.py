@@ -1,6 +1,6 @@
-"""The imu, attitude, body rates and specific force: what the theory knows of it.
+"""The complete description of the imu, which measures attitude, body rates and specific force.
 
-The filter reads body rates and specific force only where its settings say so; their information counts only then.
+The filter reads body rates and specific force only if its settings say so; only then does their information count.
 """
 
 from collections.abc import Mapping
@@ -50,18 +50,18 @@ MISMATCHES = (
         of_rates=True,
     ),
 )
-SETTLED = 300  # ticks after which the attitude's covariance no longer changes
+SETTLED = 300  # number of ticks after which the attitude's covariance no longer changes
 _RATES = tuple(row(name, **{name: 1.0}) for name in STATE_NAMES[9:])
 
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
-    """Return the covariance of the angles as the filter believes it, None of a filter that says none."""
+    """Return the angles' noise covariance in the filter's settings, None for a filter without these settings."""
     its = scenario.linear_filter
     return None if its is None else np.diag(white_variances(its.V.imu, scenario.imu_period))
 
 
 def angles_sd(scenario: Scenario, room: Room, states: np.ndarray) -> np.ndarray:
-    """Return the noise of the angles (n, 3) [rad], the same everywhere."""
+    """Return the noise sd of the angles (n, 3) [rad], which is the same at all states."""
     return np.full((len(states), 3), scenario.imu.sds(scenario.imu_period)[0])
 
 
@@ -82,25 +82,25 @@ def attitude_covariance(scenario: Scenario) -> np.ndarray:
 
 
 def specific_force_sd(scenario: Scenario) -> float:
-    """Return the standard deviation of a tick's mean specific force, as a force [N]."""
+    """Return the noise sd of the mean specific force of a tick, times the mass, as a force [N]."""
     return scenario.vehicle.mass * scenario.imu.sds(scenario.h)[2]
 
 
 def reads(scenario: Scenario, what: Literal["rates", "force"]) -> bool:
-    """Return whether body rates or specific force are read: by a filter with that setting, or that declares one."""
-    its = scenario.linear_filter or scenario.estimator  # the tight filter is no linear one
+    """Return whether the filter reads the body rates or the specific force, as its settings or its declaration say."""
+    its = scenario.linear_filter or scenario.estimator  # the tight filter has no linear filter's settings
     return "imu" in scenario.sensors and getattr(its, what, "none") == "measured"
 
 
 def rate_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
-    """Return the rows of the body rates in the ticks that are seen, to first order the Euler-angle rates."""
+    """Return the rows of the body rates, to first order the Euler-angle rates, in the ticks marked in `seen`."""
     n = scenario.imu_samples
     sd = np.full((np.count_nonzero(seen), 3), scenario.imu.sds(scenario.h / n)[1])
     return linear_rows(scenario, n, _RATES, seen, sd)
 
 
 def force_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
-    """Return the rows of what specific force tells of the force that lasts and of its own bias; of x the drag's."""
+    """Return the rows of the specific force: on the lasting force and the force's bias, and through drag on x."""
     ticks = np.repeat(np.flatnonzero(seen), 3)
     axes, of_x = np.arange(len(ticks)) % 3, np.zeros((3, N_X))
     of_x[:, 6:9] = -drag_D(scenario.world.drag, scenario.yaw)
@@ -109,11 +109,11 @@ def force_rows(scenario: Scenario, seen: np.ndarray) -> np.ndarray:
 
 
 def leaning(scenario: Scenario) -> np.ndarray:
-    """Return M (3 x 3) of an AHRS, whose error of the angles is e_{k+1} = a e_k + M (v_{k+1} - v_k); 0 without one.
+    """Return M (3 x 3) of an AHRS with the angle error e_{k+1} = a e_k + M (v_{k+1} - v_k); zeros without an AHRS.
 
-    At hover the specific force has the angles [phi + c_y / g, theta - c_x / g] under the acceleration c in axes of the
-    heading, see world/sensors/ahrs.py; c is taken as the mean over the tick; in the world
-    the force of a tick acts here one tick later. So e = s + M v and s_{k+1} = a s_k - (1 - a) M v_k.
+    At hover the specific force has the angles [phi + c_y / g, theta - c_x / g], with the acceleration c in the axes of
+    the heading, see world/sensors/ahrs.py. c is the mean over the tick; in the world the force of a tick acts here one
+    tick later. So e = s + M v and s_{k+1} = a s_k - (1 - a) M v_k.
     """
     if scenario.imu.ahrs is None:
         return np.zeros((3, 3))
@@ -125,7 +125,8 @@ def leaning(scenario: Scenario) -> np.ndarray:
 def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> Information:
     """Return the information of the angles, and of the 'rates' and the specific 'force' that the filter reads.
 
-    An attitude filter's lean by the acceleration goes with its own errors, the force with what of it lasts.
+    The tilt of an attitude filter due to acceleration counts with the filter's own errors, the force with its lasting
+    part.
     """
     rows = {"imu": own_rows(SENSOR, scenario, room, truth, seen)}
     angles = rows["imu"].copy()
@@ -139,7 +140,7 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
 
 
 def inertial_biases(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sd of the biases of body rates and specific force (3 each), after zeroing where there is one."""
+    """Return the sds of the biases of body rates and specific force (3 each), after zeroing if the vehicle rested."""
     if scenario.samples_at_rest:
         return left_at_rest(scenario)
     imu = scenario.truth.imu
@@ -147,7 +148,7 @@ def inertial_biases(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
 
 
 def of_ahrs(scenario: Scenario) -> list[Error]:
-    """Return s of `leaning`, whose yaw is 0, and the rate at which the yaw of an AHRS drifts."""
+    """Return the errors of an AHRS: s of `leaning`, with yaw 0, and the drift rate of the yaw."""
     ahrs, h = scenario.imu.ahrs, scenario.h
     if ahrs is None:
         return []
@@ -160,7 +161,7 @@ def of_ahrs(scenario: Scenario) -> list[Error]:
 
 
 def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return the unknown errors of angles and body rates; of the specific force see floor/unknown_errors.py."""
+    """Return the unknown errors of angles and body rates; floor/unknown_errors.py has those of the specific force."""
     imu, h = scenario.truth.imu, scenario.h
     angles = np.array([*spread(imu.level, imu.level_sd, number=2), np.hypot(imu.yaw, imu.yaw_sd)])
     walks = np.array([imu.level_walk, imu.level_walk, imu.yaw_walk]) * np.sqrt(h)
@@ -172,27 +173,27 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
 
 
 def element(scenario: Scenario, room: Room, whole: bool) -> Box:
-    """Return the imu."""
+    """Return the box of the imu."""
     return imu_box(scenario.imu, scenario.h, whole, scenario.imu_samples).with_inputs(passed="vehicle.passed")
 
 
 def bias_of(its: Drawn) -> np.ndarray:
-    """Return the bias of angles, rates and specific force (9)."""
+    """Return the drawn biases of angles, body rates and specific force (9)."""
     return np.array([*its["imu.level"], its["imu.yaw"], *its["imu.rates"], *its["imu.specific_force"]])
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Values]:
-    """Return the true errors of the imu's messages."""
+    """Return the true errors of the imu's messages as values of the imu's box."""
     return {"imu": Values(tables={"bias": bias_of(its)})}
 
 
 def errors_drawn(its: Drawn) -> tuple[np.ndarray, np.ndarray]:
-    """Return the biases and the factors of angles, rates and specific force (9 each); of {} none."""
+    """Return the biases and the factors of angles, rates and specific force (9 each); 0 and 1 for empty draws {}."""
     return (bias_of(its), factor_of(its, "imu", 9)) if its else (np.zeros(9), np.ones(9))
 
 
 def zeroed(scenario: Scenario, its: Drawn, draw: AtStart) -> dict[str, Values]:
-    """Return the imu as it is after it was zeroed at rest: what is taken off its messages is taken off its biases."""
+    """Return the imu's values after it was zeroed at rest: the subtracted means reduce the biases."""
     if scenario.samples_at_rest == 0:
         return {}
     bias, factor = errors_drawn(its)
@@ -201,19 +202,19 @@ def zeroed(scenario: Scenario, its: Drawn, draw: AtStart) -> dict[str, Values]:
 
 
 def ahrs_drawn(scenario: Scenario, draw: AtStart) -> dict[str, Values]:
-    """Return the drift of the attitude filter's yaw."""
+    """Return the drawn drift rate of the attitude filter's yaw."""
     if scenario.imu.ahrs is None:
         return {}
     return {"imu_ahrs": Values({"drift": scenario.imu.ahrs.drift_sd * float(draw(AHRS_STREAM, 1)[0])})}
 
 
 def attitude_filter(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
-    """Return the attitude filter behind the imu, None where its angles are those of the body."""
+    """Return the box of the attitude filter after the imu, None if the imu gives the angles of the body itself."""
     return None if scenario.imu.ahrs is None else ahrs_box(scenario.imu.ahrs, message, samples, scenario.h)
 
 
 def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
-    """Return the standstill of a scenario and its seed: its length and what was measured; {} if there is none."""
+    """Return the standstill of the scenario and its seed: duration, samples and measured means; {} without one."""
     if scenario.samples_at_rest == 0:
         return {}
     draw = of_seed(scenario.seed)
@@ -224,7 +225,7 @@ def standstill_of(scenario: Scenario, room: Room) -> dict[str, Any]:
 
 
 def members(scenario: Belief, payload: int) -> tuple[tuple[str, str], ...]:
-    """Return the payload's members in C; none of several samples."""
+    """Return the payload's members in C; () for a message of several samples."""
     if payload != IMU_SIZE - PAYLOAD:
         return ()
     return (
@@ -235,7 +236,7 @@ def members(scenario: Belief, payload: int) -> tuple[tuple[str, str], ...]:
 
 
 def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest angles, rates and specific force."""
+    """Return the smallest and the largest angles, rates and specific force (9 each)."""
     its, turned = envelope_of(scenario, room), 0.0 if scenario.imu.ahrs is None else np.pi
     angle_sd, rate_sd, force_sd = scenario.imu.sds(scenario.imu_period)
     rates, force = 2.0 * its.rate + SIGMAS * rate_sd, its.force + SIGMAS * force_sd

@@ -1,21 +1,22 @@
-"""Fisher information on the pose in the centres of the camera's boxes, without those that the image border cuts.
+"""Fisher information on the pose in the centres of the camera's boxes, without boxes that the image border cuts.
 
-The centre errs by e = m q(z), z = sqrt(w) s + sqrt(1 - w) v (world/sensors/camera_calibration.py): m the size of the
-error, q its quantile, v new in every picture, s slow. With the score of e and of s, and Stein's lemma, one box's
-Fisher information about (centre, s), averaged over s, is that of a normal error of the same kind
+The centre has the error e = m q(z), z = sqrt(w) s + sqrt(1 - w) v (world/sensors/camera_calibration.py), with m the
+size of the error, q its quantile function, v new in every picture, and s slow. With the score of e and of s, and
+Stein's lemma, one box's Fisher information about (centre, s), averaged over s, equals the one of a normal error of the
+same kind
 
     e = (m / E) (sqrt(w) s + sqrt(1 - w) v),   E = E[1 / q'(z)],                             (row with a slow error)
 
-and, if q is not straight, a further part about the centre alone (0 for a normal error):
+and, if q is not linear, a further part about the centre alone (0 for a normal error):
 
     (F - E^2 + w / (1 - w) Var[1 / q'(z)]) / m^2,   F = E[((z + q'' / q') / q')^2],          (row without)
 
 where F is the information about the centre of an error that is all new. q is a monotone cubic through the measured
-quantiles, continued by straight lines. The projected camera draws from straight pieces, whose corners would hold
+quantiles, continued by straight lines. The projected camera draws from a piecewise linear q, whose corners would hold
 unbounded information that was never measured.
 
-A landmark's information is weighted by its detection rate. The bound is convex in the information, so the mean bound
-over the found landmarks is not below the bound of the mean information.
+A landmark's information is weighted by its detection rate. The bound is convex in the information, so the mean of the
+bound over the detected landmarks is not below the bound for the mean information.
 """
 
 from typing import NamedTuple
@@ -33,22 +34,22 @@ from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, ROW_SIZE,
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, tables_of
 from ortilo_drake.world.sensors.landmark_view import Surroundings, landmark_views, surroundings
 
-_MOST_SLOW = 1.0 - 1e-6  # the changes of an error that is all slow would hold unbounded information
+_MOST_SLOW = 1.0 - 1e-6  # largest w: the changes of an error that is all slow would hold unbounded information
 
 
 class CenterErrors(NamedTuple):
     """The distribution of the errors of a box's centre, u and v."""
 
     gain: np.ndarray
-    """E of each, in 1 / m (2)."""
+    """E of u and v, in 1 / m (2)."""
     extra: np.ndarray
-    """information beside the normal error's, in 1 / m^2 (2)."""
+    """information in addition to the normal error's, of u and v, in 1 / m^2 (2)."""
     share: float
-    """w."""
+    """share w of the slow error in the variance [1]."""
 
 
 def quantile_information(normal: np.ndarray, quantiles: np.ndarray) -> tuple[float, float, float]:
-    """Return E[1/q'], E[1/q'^2] and F of the error q(z), of its quantiles (k) at normal numbers z, rising (k)."""
+    """Return E[1/q'], E[1/q'^2] and F of the error q(z), given `quantiles` (k) at rising normal numbers z (k)."""
     q = PchipInterpolator(normal, quantiles)
     z, step = np.linspace(-8.0, 8.0, 4001, retstep=True)
     inside = np.clip(z, normal[0], normal[-1])
@@ -60,7 +61,7 @@ def quantile_information(normal: np.ndarray, quantiles: np.ndarray) -> tuple[flo
 
 
 def center_errors(tables: Tables) -> CenterErrors:
-    """Return the errors of a centre's u and v in a camera's tables."""
+    """Return the distribution of the errors of a centre's u and v, given a camera's tables."""
     w = min(float(tables.slow[0, 0]), _MOST_SLOW)
     found = np.array([quantile_information(tables.quantiles[0], tables.quantiles[row]) for row in (1, 2)])
     gain, square, fisher = found.T
@@ -77,10 +78,10 @@ def box_rows(
     tables: Tables,
     errors: CenterErrors,
 ) -> np.ndarray:
-    """Return the rows of the landmarks' box centres in the ticks whose picture reached the vehicle (k): (m, 17).
+    """Return the rows (m, 17) of the landmarks' box centres in the ticks (k) whose picture reached the vehicle.
 
-    The slow error of landmark i is number 2 i in u and 2 i + 1 in v. The truth has true states (n, 12), `labels` the
-    landmarks' classes (l).
+    The slow error of landmark i has the number 2 i in u and 2 i + 1 in v. `truth` holds the true states (n, 12),
+    `labels` the landmarks' classes (l).
     """
     rows, m = np.zeros((4 * ticks.size * labels.size, ROW_SIZE)), 0
     z, J = np.empty(2), np.empty((2, 6))
@@ -113,7 +114,7 @@ def box_rows(
 
 
 def camera_tables(scenario: Scenario, room: Room) -> Tables | None:
-    """Return the tables of the camera that a scenario flies; None if its detector's errors have not been measured."""
+    """Return the tables of the scenario's camera; None if the errors of its detector have not been measured."""
     errors: MeasuredErrors | ParametricErrors = scenario.camera.errors
     if scenario.is_rendered:
         if not isinstance(scenario.detector, Detector) or scenario.detector.files:
@@ -123,9 +124,9 @@ def camera_tables(scenario: Scenario, room: Room) -> Tables | None:
 
 
 def camera_rows(tables: Tables, room: Room, width: int, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the rows of the box centres in the ticks where the camera is seen (n), at true states (n, 12).
+    """Return the rows of the box centres in the ticks marked in `seen` (n), at true states (n, 12).
 
-    The image has that width [px]; the tables are those of camera_tables.
+    `width` is the image's width [px]; `tables` come from camera_tables.
     """
     camera = room.camera.scaled_to(width).constants
     ticks, labels = np.flatnonzero(seen), room.landmark_labels

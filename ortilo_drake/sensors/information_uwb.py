@@ -1,17 +1,18 @@
-"""Information on position and velocity in UWB ranges and in their differences.
+"""Fisher information on position and velocity in UWB ranges and in their differences.
 
 A range r = d + s(d) v, v standard normal, has the log-likelihood -ln s - (r - d)^2 / (2 s^2), and its Fisher
 information about d is 1 / s^2 + 2 (s' / s)^2 (Kay, "Fundamentals of Statistical Signal Processing: Estimation Theory",
-1993, eq. 3.31): noise that grows with the distance holds information about it. With s = s_0 + s_1 d it is
-(1 + 2 s_1^2) / s^2. In a round of ranging range i is taken s_i before its message's stamp, where d = |p - s_i v - a_i|.
+1993, eq. 3.31): noise that grows with the distance has information about the distance. With s = s_0 + s_1 d the Fisher
+information is (1 + 2 s_1^2) / s^2. In a round of ranging, range i is measured s_i before its message's stamp, where
+d = |p - s_i v - a_i|.
 
-A difference r_ab = d_b - d_a + s v, s^2 = (s_0 + s_1 d_a)^2 + (s_0 + s_1 d_b)^2, of a packet that is t old, with
-d_i = |p - t v_WB - a_i| and unit vectors u_i from the anchors, has about position
+A difference r_ab = d_b - d_a + s v, s^2 = (s_0 + s_1 d_a)^2 + (s_0 + s_1 d_b)^2, of a packet with the age t, with
+d_i = |p - t v_WB - a_i| and unit vectors u_i from the anchors, has the information about position
 
     g g^T / s^2 + (grad s^2) (grad s^2)^T / (2 s^4),   g = u_b - u_a
 
-and -t times that for the velocity: two rows, the second one of grad s^2 with the variance 2 s^4, which no lasting error
-moves.
+and the gradients with respect to velocity are -t times those with respect to position. This gives two rows. The second
+one, of grad s^2, has the variance 2 s^4 and depends on no lasting error.
 """
 
 import numpy as np
@@ -27,9 +28,9 @@ from ortilo_drake.world.sensors.uwb import ranging_settings
 
 
 def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the rows of the ranges that there are, to every anchor, in the ticks in which uwb is seen (n).
+    """Return the rows of the ranges to all anchors in reach, in the ticks marked in `seen` (n).
 
-    True states are (n, 12). The excess of a range behind a wall is taken as known.
+    `truth` holds the true states (n, 12). The excess length of a range behind a wall counts as known.
     """
     s_0, s_1, _, most_walls, max_distance = ranging_settings(settings)
     ticks = np.flatnonzero(seen)
@@ -47,13 +48,13 @@ def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -
     return rows_of(ticks[k], gradients, (s_0 + s_1 * d[k, i]) ** 2 / (1.0 + 2.0 * s_1**2), i)
 
 
-NO_PAIR = -1  # source of a row that tells by its noise
+NO_PAIR = -1  # source of a row whose information is in the noise
 
 
 def difference_rows(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the rows of the packets that there are; the source of the pair (a, b) of n anchors is a n + b.
+    """Return the rows of the packets of anchors in reach; the source of the pair (a, b) of n anchors is a n + b.
 
-    The uwb message reached the vehicle in the ticks that are seen (n), at true states (n, 12).
+    The uwb message reached the vehicle in the ticks marked in `seen` (n), at true states (n, 12).
     """
     uwb, anchors = scenario.uwb, room.anchor_positions
     s_0, s_1, _, most_walls, max_distance = ranging_settings(uwb)
@@ -81,14 +82,14 @@ def difference_rows(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.
 
 
 def _with_velocity(g: np.ndarray, age: np.ndarray) -> np.ndarray:
-    """Return gradients over the states (n, 12) of those by position (n, 3) of packets so old (n) [s]."""
+    """Return gradients over the states (n, 12), given gradients by position (n, 3) and the ages of packets (n) [s]."""
     gradients = np.zeros((len(g), N_X))
     gradients[:, :3], gradients[:, 6:9] = g, -age[:, np.newaxis] * g
     return gradients
 
 
 def between(n: int) -> Seen:
-    """Return the coefficients of an error of each of n anchors: 1 of b, -1 of a."""
+    """Return the coefficients, in rows of differences, of one error for each of n anchors: 1 for b, -1 for a."""
 
     def coefficients(rows: np.ndarray) -> np.ndarray:
         source = rows[:, SOURCE].astype(int)

@@ -1,15 +1,15 @@
-"""The result, at a place, of a filter that learns the survey's errors.
+"""The settings that a filter with banks learns at one position.
 
-A filter with banks (onboard/ranging/survey_bank.py, onboard/landmarks/landmark_bank.py) sees its bias state s by a
-coefficient rho, the sd that a fix says over the one of the settings. Hovering, that is the filter whose state is rho s,
-of the sd that the fix says, with the survey's sd as it was learned and no bank.
+A filter with banks (onboard/ranging/survey_bank.py, onboard/landmarks/landmark_bank.py) has a bias state s with a
+coefficient rho, the sd given by a fix over the sd in the settings. At hover this filter equals a filter without a bank
+whose bias state is rho s, with the sd given by the fix for the learned sd of the survey.
 
-What is learned is what the mean log likelihoods say. Where errors beta ~ N(0, s_w^2 I) last, the information Lambda of
-the fixes that are remembered, of eigenvalues l, has E[eta eta^T] = s_w^2 Lambda^2 + Lambda, so that
+The learned sd follows from the mean log likelihoods. If errors beta ~ N(0, s_w^2 I) last, the information Lambda of the
+remembered fixes, with eigenvalues l, has E[eta eta^T] = s_w^2 Lambda^2 + Lambda, so that
 
     E log L(s) = 1/2 sum_l s^2 (s_w^2 l^2 + l) / (1 + s^2 l) - log(1 + s^2 l)
 
-Where the scale of the noise is learned (onboard/ranging/bank_element.py), the filter is told noise of that scale.
+If the scale of the noise is learned (onboard/ranging/bank_element.py), the filter's noise gets this scale.
 """
 
 import numpy as np
@@ -20,29 +20,29 @@ from ortilo_drake.scenario import Scenario
 
 
 def share_learned(bank: np.ndarray, sd: float, information: np.ndarray, world_sd: float) -> float:
-    """Return the share of an sd [m] that a bank of shares c_j of it settles on.
+    """Return the share of `sd` [m] that a bank with shares c_j learns.
 
-    The information has the eigenvalues l of what is remembered [1/m^2]; world_sd is s_w [m].
+    `information` holds the eigenvalues l of the remembered information [1/m^2]; world_sd is s_w [m].
     """
     return float(share_of(mean_log_likelihood(bank * sd, information, world_sd), bank))
 
 
 def mean_log_likelihood(s: np.ndarray, information: np.ndarray, world_sd: float) -> np.ndarray:
-    """Return E log L of sds s (m) [m]; information and world_sd as share_learned."""
+    """Return E log L (m) of sds s (m) [m]; information and world_sd as in share_learned."""
     q = s[:, np.newaxis] ** 2 * information
     return np.asarray(0.5 * np.sum(q * (world_sd**2 * information + 1.0) / (1.0 + q) - np.log1p(q), axis=1))
 
 
 def residual_information(J: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """Return M = W - W J (J^T W J)^-1 J^T W of rows J (l, m) and their variances (l): what residuals tell of errors."""
+    """Return M = W - W J (J^T W J)^-1 J^T W, the residuals' information on errors, for rows J (l, m), variances (l)."""
     W = np.diag(1.0 / variances)
     return np.asarray(W - W @ J @ np.linalg.solve(J.T @ W @ J, J.T @ W))
 
 
 def scale_learned(J: np.ndarray, told: np.ndarray, variances: np.ndarray) -> float:
-    """Return the scale c of the noise that residuals show, c^2 = tr(M V) / (l - n) with M of what is told; 1 of none.
+    """Return the scale c of the noise learned from residuals, c^2 = tr(M V) / (l - n); 1 without residuals.
 
-    J has rows (l, n); told and true variances, the diagonal of V, are (l).
+    J has rows (l, n). M uses the variances in the settings, `told` (l); V has the true `variances` (l) on its diagonal.
     """
     residuals = len(J) - J.shape[1]
     if residuals <= 0:
@@ -51,7 +51,7 @@ def scale_learned(J: np.ndarray, told: np.ndarray, variances: np.ndarray) -> flo
 
 
 def with_biases(scenario: Scenario, **settings: object) -> Scenario:
-    """Return a scenario whose filter believes in other biases of its fixes (estimator.biases)."""
+    """Return the scenario with changed settings of the biases of fixes (estimator.biases)."""
     its = filter_of(scenario)
     biases = its.biases.model_copy(update=settings)
     return scenario.model_copy(update={"estimator": its.model_copy(update={"biases": biases})})

@@ -1,4 +1,4 @@
-"""The sensors' messages: their ports and sizes, and what makes fixes of them as a System."""
+"""The sensors' messages: their ports and sizes, and the Systems that compute fixes from them."""
 
 from pydrake.systems.framework import InputPort, System
 
@@ -14,15 +14,16 @@ from ortilo_drake.scenario import Belief
 
 
 def message_port(system: System) -> InputPort:
-    """Return the port at which a sensor's messages come in, of the system that make_onboard returned."""
+    """Return the input port of the sensor's messages at the System that make_onboard returned."""
     ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
     return next(port for port in ports if port.get_name() not in ("estimate", "covariance"))
 
 
 def solver_system(port: str, size: int, solver: Box, h: float) -> System:
-    """Return an element that makes fixes as a System with the ports of make_onboard (model/parts.py).
+    """Return a solver's element as a System with the ports of make_onboard (model/parts.py).
 
-    The port is that of messages of a size. The solver reads `message` and `belief`; h is the tick [s].
+    `port` is the name of the messages' port, `size` the size of a message. The solver reads `message` and `belief`; h
+    is the tick [s].
     """
     prior = together_box("prior")
     inputs = [outside(port, size), outside("estimate", N_XBAR), outside("covariance", N_XBAR**2)]
@@ -31,7 +32,7 @@ def solver_system(port: str, size: int, solver: Box, h: float) -> System:
 
 
 def solver_of(sensor: Sensor, scenario: Belief, room: Room) -> System | None:
-    """Return the System that makes a fix of a sensor's message; None where the message begins with the value."""
+    """Return the System that computes the fix of a sensor's message; None if the message begins with the value."""
     if sensor.compiled is None:
         made: System | None = None if sensor.make_onboard is None else sensor.make_onboard(scenario, room)
         return made

@@ -1,4 +1,4 @@
-"""A way in which a world may differ from what the onboard half believes, by one number."""
+"""A mismatch between the world and the onboard model, given by one number."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -7,22 +7,22 @@ Settings = tuple[tuple[str, Any], ...]  # keys of a scenario with their values
 
 
 class Mismatch(NamedTuple):
-    """A mismatch."""
+    """A way in which the world may differ from the onboard model."""
 
     name: str
-    """what it is, with the unit of its value."""
+    """name of the mismatch with the unit of its value."""
     settings: Callable[[float], Settings]
-    """the scenario's keys for a value."""
+    """value -> keys and values of the scenario."""
     careful: float
-    """the value that a careful team leaves."""
+    """value that remains after careful work of a team."""
     given: tuple[float, ...]
-    """values that are flown."""
+    """values for which flights are run."""
     largest: float | None
-    """value up to which a limit is searched; None for what is there or not."""
+    """largest value in the search for a limit; None for a mismatch that is either present or not."""
     of_rates: bool = False
-    """whether it changes nothing unless the filter reads the body rates."""
+    """whether the mismatch has an effect only if the filter reads the body rates."""
 
 
 def of_truth(key: str, scale: float = 1.0, start: float = 0.0) -> Callable[[float], Settings]:
-    """Return the settings of a value: an entry of `truth` at start + scale value."""
+    """Return the function from a value to settings: the key of `truth` gets start + scale * value."""
     return lambda value: ((f"truth.{key}", start + scale * value),)

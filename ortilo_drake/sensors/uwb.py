@@ -1,4 +1,4 @@
-"""The uwb sensor, ranges to the room's anchors: everything that the laboratory knows of it."""
+"""The complete description of the uwb sensor, which measures ranges to the room's anchors."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -30,7 +30,7 @@ from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
 from ortilo_drake.world.sensors.range_paths import paths_box, paths_out
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_box, uwb_message
 
-MEANS = 50.0  # of an exponential length: as rare as 10 standard deviations
+MEANS = 50.0  # an exponential length above 50 times its mean is as rare as 10 standard deviations
 
 
 def make_solver(scenario: Belief, room: Room) -> System:
@@ -40,16 +40,16 @@ def make_solver(scenario: Belief, room: Room) -> System:
 
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
-    """Return the covariance of a fix as the filter believes it, None where it comes with each."""
+    """Return the fix's noise covariance in the filter's settings, None if each fix has its own covariance."""
     its = scenario.linear_filter
     return None if its is None or its.V.uwb is None else np.diag(its.V.uwb)
 
 
 def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the messages (m, 2 + 2 a) that a flight was sent, repeated from its true states (n, 12).
+    """Return a flight's uwb messages (m, 2 + 2 a), computed again from its true states (n, 12).
 
-    The scenario's seed is that of the flight, the room as it was surveyed; messages reached the vehicle in the ticks
-    that are seen (n). InputError if the sensor is faster than the tick, gives differences, or its errors are fitted.
+    The scenario has the flight's seed, the room is the surveyed one; messages reached the vehicle in the ticks marked
+    in `seen` (n). InputError if the sensor is faster than the tick, gives differences, or has fitted errors.
     """
     if scenario.uwb.kind == "differences":
         raise InputError("uwb.kind: differences: must be ranges: a survey takes single ranges")
@@ -70,9 +70,9 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
 
 
 def covariance(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray | None:
-    """Return the covariance of the fix where the filter believes x (12) to be, by the solver that flies.
+    """Return the covariance of the fix if the estimate is x (12), computed by the onboard solver.
 
-    None of differences: those of one message are too few.
+    None for differences: one message has too few.
     """
     if scenario.uwb.kind == "differences":
         return None
@@ -89,7 +89,7 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Values]:
-    """Return the true places of the anchors and the lasting errors of their ranges, for the sensor and its faults."""
+    """Return the anchors' true positions and the lasting errors of their ranges, for the sensor and its faults."""
     anchors = Values(tables={"anchors": room.anchor_positions + its["survey.anchors"]})
     given = Values({"factor": float(its["uwb.factor"])} if scenario.uwb.kind == "differences" else {})
     found = {"uwb": anchors.updated(given).updated(Values(tables={"bias": its["uwb.bias"]}))}
@@ -97,7 +97,7 @@ def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) 
 
 
 def solver(scenario: Belief, room: Room) -> Box:
-    """Return the multilateration; where the survey or the noise's scale is learned it reads what was."""
+    """Return the box of the multilateration; it also reads the survey and the noise scale if they are learned."""
     settings, box = scenario.multilateration, fix_box(scenario.multilateration, room.anchor_positions)
     if settings.noise_scale is None and settings.bias_bank is None:
         return box
@@ -105,7 +105,7 @@ def solver(scenario: Belief, room: Room) -> Box:
 
 
 def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Values]:
-    """Return a seed's draws of slow and constant errors: of fitted ones, and of all those of differences."""
+    """Return a seed's draws of slow and constant errors, for fitted errors and for differences."""
     if "uwb" not in scenario.sensors:
         return {}
     if scenario.uwb.kind == "differences":
@@ -116,7 +116,7 @@ def errors_drawn(scenario: Scenario, room: Room, draw: AtStart) -> dict[str, Val
 
 
 def paths_drawn(boxes: Mapping[str, Box], draw: AtStart) -> dict[str, Values]:
-    """Return the first of what walls lengthen ranges by."""
+    """Return the draw of the initial excess lengths of ranges behind walls."""
     if "uwb_paths" not in boxes:
         return {}
     return {"uwb_paths": Values(start={"x": draw(PATHS_STREAM, len(boxes["uwb_paths"].given.start["x"]))})}
@@ -130,13 +130,13 @@ def payload(scenario: Belief, room: Room) -> int:
 
 
 def paths(scenario: Scenario, room: Room, message: Box, samples: int) -> Box | None:
-    """Return the box that makes the ranges as long as their signals' paths; None if straight and instant."""
+    """Return the box that lengthens ranges to their signals' paths; None if all paths are straight and instant."""
     box = paths_box(scenario.uwb, room, scenario.h)
     return None if box is None else box.with_inputs(message=message.name)
 
 
 def source(scenario: Scenario, room: Room, whole: bool) -> Box:
-    """Return the receiver of ranges, with white or with fitted errors, or of their differences."""
+    """Return the box of the receiver: ranges with white or fitted errors, or differences."""
     if scenario.uwb.kind == "differences":
         return differences_box(scenario, room)
     box = fitted_box if scenario.uwb.errors == "fitted" else uwb_box
@@ -144,7 +144,7 @@ def source(scenario: Scenario, room: Room, whole: bool) -> Box:
 
 
 def check(scenario: Scenario, room: Room) -> None:
-    """Raise InputError if fitted errors are of other anchors than the room's, or it has too few for differences."""
+    """Raise InputError if fitted constants and anchors differ in number, or anchors are too few for differences."""
     if scenario.uwb.kind == "differences" and len(room.anchors) < 2:
         raise InputError(f"uwb.kind: differences: needs two anchors or more, the room has {len(room.anchors)}")
     if scenario.uwb.errors != "fitted":
@@ -155,7 +155,7 @@ def check(scenario: Scenario, room: Room) -> None:
 
 
 def noise_numbers(scenario: Belief) -> dict[str, float]:
-    """Return the number by which a range's noise is believed."""
+    """Return the settings of a range's noise in the multilateration, by their keys."""
     noise = scenario.multilateration.noise
     return {
         f"multilateration.noise.{name}": getattr(noise, name) for name in ("sd", "fraction") if hasattr(noise, name)
@@ -173,7 +173,7 @@ def members(scenario: Belief, payload: int) -> tuple[tuple[str, str], ...]:
 
 
 def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
-    """Return the largest range to each anchor (n) [m], of a vehicle in the room or up to `reach` outside."""
+    """Return the largest range to each anchor (n) [m] from a vehicle in the room or up to `reach` [m] outside."""
     low, high = np.array(room.interior.min) - reach, np.array(room.interior.max) + reach
     corners = np.array(list(product(*zip(low, high, strict=True))))
     distances = np.linalg.norm(corners[:, np.newaxis] - room.anchor_positions, axis=2).max(axis=0)
@@ -187,7 +187,7 @@ def largest_ranges(scenario: Scenario, room: Room, reach: float) -> np.ndarray:
 
 
 def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the greatest payload: ranges and flags, or the rows of differences."""
+    """Return the smallest and the largest payload: ranges and flags, or the rows of differences."""
     ranges = largest_ranges(scenario, room, envelope_of(scenario, room).speed * (scenario.h + scenario.uwb.round))
     n, uwb = ranges.size, scenario.uwb
     if uwb.kind == "ranges":
@@ -198,7 +198,7 @@ def limits(scenario: Scenario, room: Room) -> tuple[np.ndarray, np.ndarray]:
 
 
 def whole(scenario: Belief, room: Room) -> list[int]:
-    """Return the places of whole numbers in the payload: flags, and the anchors of differences."""
+    """Return the indices of integers in the payload: flags, and the anchors of differences."""
     n = payload(scenario, room)
     if scenario.uwb.kind == "ranges":
         return list(range(n // 2, n))

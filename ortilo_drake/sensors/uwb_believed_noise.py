@@ -1,13 +1,13 @@
-"""Ranges that err more than the filter believes: a flight warns of them beforehand."""
+"""The warning, before a flight, about ranges with more noise than the filter's settings have."""
 
 from ortilo_drake.scenario import Scenario
 
-TOO_MUCH = 1.5  # times the noise that is believed
-AT = 5.0  # the distance at which the two are compared [m]
+TOO_MUCH = 1.5  # ratio of the true noise to the filter's above which the flight warns
+AT = 5.0  # distance at which the two are compared [m]
 
 
 def believed_noise(scenario: Scenario) -> list[str]:
-    """A line, which begins with the setting, if the range noise is more than believed and not learned in flight."""
+    """Return a line, which begins with the setting, if the range noise exceeds the filter's and is not learned."""
     solver, ranges = scenario.multilateration, getattr(scenario.estimator, "ranges", None)
     key, believed = "multilateration.noise", solver.noise
     if scenario.estimator.kind == "tight" and ranges is not None:

@@ -1,4 +1,4 @@
-"""The theory of the ranges: their unknown errors, the errors of a fix, and what a bank learns of the anchors."""
+"""The theory of the ranges: their unknown errors, the errors of a fix, and the survey error that a bank learns."""
 
 from math import isclose
 
@@ -29,7 +29,7 @@ from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.fitted_uwb import noise_of
 from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_message
 
-STEP = 1e-4  # of the differences [m]
+STEP = 1e-4  # step of the finite differences [m]
 MISMATCHES = (
     Mismatch("range biases of sd [cm]", of_truth("uwb.bias_sd", 0.01), 5.0, (5.0,), 160.0),
     Mismatch("anchors surveyed to sd [cm]", of_truth("survey.anchors_sd", 0.01), 3.0, (5.0,), 160.0),
@@ -37,7 +37,7 @@ MISMATCHES = (
 
 
 def message_without_noise(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
-    """Return the message at state x (12), its ranges without noise but behind the scenario's walls."""
+    """Return the uwb message at state x (12), with ranges without noise and the effect of the scenario's walls."""
     boxes = room.wall_boxes if scenario.uwb.walls.kind != "none" else np.empty((0, 7))
     settings = ranging_settings(scenario.uwb)
     settings[:2] = 0.0
@@ -54,10 +54,10 @@ def message_without_noise(scenario: Scenario, room: Room, x: np.ndarray) -> np.n
 
 
 def unknown(scenario: Scenario, room: Room) -> list[Error]:
-    """Return the unknown errors of the ranges and of the anchors' places.
+    """Return the unknown errors of the ranges and of the anchors' positions.
 
-    In a difference what is common to all ranges is not seen, and where each anchor stands counts as a constant of its
-    ranges, which is the best that can be known.
+    An error common to all ranges cancels in differences. For differences an anchor's position error counts as a
+    constant error of its ranges, which is the best that can be known.
     """
     uwb, survey, n = scenario.truth.uwb, scenario.truth.survey, len(room.anchor_positions)
     differ = scenario.uwb.kind == "differences"
@@ -77,7 +77,7 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
 
 
 def unknown_fitted(scenario: Scenario, n: int, its: Seen) -> list[Error]:
-    """Return n anchors' unknown errors that were fitted; a field counts as constant, the best that can be known."""
+    """Return n anchors' unknown fitted errors; an error field counts as constant, the best that can be known."""
     if scenario.uwb.errors != "fitted":
         return []
     noise = noise_of(scenario.uwb)
@@ -91,7 +91,7 @@ def unknown_fitted(scenario: Scenario, n: int, its: Seen) -> list[Error]:
 
 
 def made(scenario: Scenario, room: Room, x: np.ndarray) -> Made:
-    """Return D (3, l) of the multilateration at state x (12), and the ranges' rows."""
+    """Return D (3, l) of the multilateration at state x (12), and the ranges' rows (l, 17)."""
     anchors, ranges = room.anchor_positions, message_without_noise(scenario, room, x)
     rows = range_rows(scenario.uwb, room, x[np.newaxis], np.ones(1, dtype=bool))
     rows = rows[ranges[PAYLOAD + len(anchors) :][rows[:, SOURCE].astype(int)] > 0.0]
@@ -103,7 +103,7 @@ def made(scenario: Scenario, room: Room, x: np.ndarray) -> Made:
 
 
 def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
-    """Return a scenario whose filter is told what it learns of the anchors and of the ranges' noise at state x (12)."""
+    """Return the scenario with the survey error and the noise of ranges that the filter learns at state x (12)."""
     settings, uwb, survey = scenario.multilateration, scenario.truth.uwb, scenario.truth.survey
     if settings.noise_scale is None and settings.bias_bank is None:
         return scenario
@@ -133,13 +133,13 @@ def learned(scenario: Scenario, room: Room, x: np.ndarray) -> Scenario:
 
 
 def is_as_believed(scenario: Scenario) -> bool:
-    """Return whether the ranges' noise is as the filter is told, up to the scale where it learns that."""
+    """Return whether the ranges' noise equals the filter's, up to a scale factor if the filter learns it."""
     fix, (s_0, s_1), (b_0, b_1) = scenario.multilateration, scenario.uwb.sds, scenario.multilateration.noise.sds
     return (s_0, s_1) == (b_0, b_1) or (fix.noise_scale is not None and isclose(s_0 * b_1, s_1 * b_0))
 
 
 def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
-    """Return the settings that the predicted rms leaves out, and those that it alone has; see model/parts.py."""
+    """Return the settings that the predicted rms neglects, and those that only it includes; see model/parts.py."""
     uwb = scenario.uwb
     noise = uwb.fitted if uwb.errors == "fitted" else None
     out = {"uwb.round": uwb.round > 0.0, "uwb.walls": uwb.walls.kind in ("bias", "excess")}

@@ -1,1 +1,1 @@
-"""The room's shapes, as rays meet them."""
+"""Intersections of rays with the room's shapes."""

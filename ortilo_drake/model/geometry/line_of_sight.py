@@ -1,14 +1,13 @@
 """Lines of sight through the room: the obstacles between two points, for radio and camera.
 
-Obstacles are the room's own arrays (model/room.py): boxes turned about the vertical, rows (x, y, z of the
-centre, yaw, three half sizes), and vertical cylinders standing on the floor z = 0, rows (x, y, radius,
-height).
+Obstacles are the arrays of model/room.py: boxes turned about the vertical, with rows (x, y, z of the centre, yaw, three
+half sizes), and vertical cylinders on the floor z = 0, with rows (x, y, radius, height) [m].
 
-The line from p to q is p + t d, d = q - p, 0 <= t <= 1. Each obstacle is a meeting of convex sets, so the
-line is inside it for one interval of t, the overlap of the intervals of its parts: three slabs in the box's
-own frame (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986), or a circle in plan and a slab in
-height. An obstacle is in the way if that interval is longer than 0 and neither p nor q lies in it: an
-anchor is mounted in its wall and sees out of it.
+The line from p to q is p + t d, d = q - p, 0 <= t <= 1. Each obstacle is an intersection of convex sets, so the line is
+inside for one interval of t, the intersection of the intervals of these sets: three slabs in the box's own frame (Kay
+and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986), or a circle in plan and a slab in height. An obstacle blocks
+the line if this interval is longer than 0 and neither p nor q is inside the obstacle: an anchor that is mounted in a
+wall is visible.
 """
 
 import numpy as np
@@ -19,7 +18,7 @@ from ortilo_drake.model.elementary import sin_cos
 
 @cached_njit
 def _slab(o: float, d: float, half: float, t_in: float, t_out: float) -> tuple[float, float]:
-    """Return the interval [t_in, t_out] narrowed to where |o + t d| <= half; t_in > t_out if it is empty."""
+    """Return the part of the interval [t_in, t_out] with |o + t d| <= half; t_in > t_out if this part is empty."""
     if d == 0.0:
         return (t_in, t_out) if abs(o) <= half else (1.0, 0.0)
     t1, t2 = (-half - o) / d, (half - o) / d
@@ -28,16 +27,16 @@ def _slab(o: float, d: float, half: float, t_in: float, t_out: float) -> tuple[f
 
 @cached_njit
 def _outside_and_through(t_in: float, t_out: float) -> bool:
-    """Return whether the line is inside for t in (t_in, t_out), and outside at both ends t = 0 and t = 1."""
+    """Return whether the line is inside for some t in (t_in, t_out), and outside at both ends t = 0 and t = 1."""
     return 0.0 < t_in < t_out < 1.0
 
 
 @cached_njit(error_model="numpy", _nrt=False)
 def crosses_box(p: np.ndarray, q: np.ndarray, box: np.ndarray) -> bool:
-    """Return whether the line from p to q (3, in W) goes through a box (7) that holds neither end."""
+    """Return whether the line from p to q (3, in W) goes through a box (7) that contains neither end."""
     x, y = p[0] - box[0], p[1] - box[1]
     dx, dy = q[0] - p[0], q[1] - p[1]
-    # Most boxes lie aside: in plan the line passes outside the circle around them. These need no sine.
+    # The line misses most boxes: in plan it passes outside the circle around the box. These boxes need no sine.
     if (x * dy - y * dx) ** 2 > (box[4] ** 2 + box[5] ** 2) * (dx**2 + dy**2):
         return False
     s, c = sin_cos(box[3])
@@ -49,7 +48,7 @@ def crosses_box(p: np.ndarray, q: np.ndarray, box: np.ndarray) -> bool:
 
 @cached_njit(error_model="numpy", _nrt=False)
 def crosses_cylinder(p: np.ndarray, q: np.ndarray, cylinder: np.ndarray) -> bool:
-    """Return whether the line from p to q (3, in W) goes through a cylinder (4) that holds neither end."""
+    """Return whether the line from p to q (3, in W) goes through a cylinder (4) that contains neither end."""
     x, y = p[0] - cylinder[0], p[1] - cylinder[1]
     dx, dy = q[0] - p[0], q[1] - p[1]
     # In plan: |(x, y) + t (dx, dy)|^2 <= r^2, that is a t^2 + 2 b t + c <= 0.
@@ -70,9 +69,9 @@ def crosses_cylinder(p: np.ndarray, q: np.ndarray, cylinder: np.ndarray) -> bool
 
 @cached_njit(error_model="numpy", _nrt=False)
 def walls_crossed(p: np.ndarray, q: np.ndarray, boxes: np.ndarray) -> int:
-    """Return the number of boxes (n, 7) that the line from p to q (3, in W) goes through.
+    """Return the number of boxes (n, 7) through which the line from p to q (3, in W) goes.
 
-    A box that holds p or q does not count.
+    A box that contains p or q does not count.
     """
     count = 0
     for i in range(boxes.shape[0]):
@@ -83,9 +82,9 @@ def walls_crossed(p: np.ndarray, q: np.ndarray, boxes: np.ndarray) -> int:
 
 @cached_njit
 def is_hidden(p: np.ndarray, q: np.ndarray, boxes: np.ndarray, cylinders: np.ndarray) -> bool:
-    """Return whether a box (n, 7) or a cylinder (m, 4) stands between p and q (3, in W).
+    """Return whether a box (n, 7) or a cylinder (m, 4) is between p and q (3, in W).
 
-    An obstacle that holds p or q does not hide them from each other.
+    An obstacle that contains p or q does not count.
     """
     for i in range(boxes.shape[0]):
         if crosses_box(p, q, boxes[i]):

@@ -1,1 +1,1 @@
-"""Users' input: its defaults, and the lines that say what is wrong with it."""
+"""Users' input: its defaults, and the messages for what is wrong in it."""

@@ -1,4 +1,4 @@
-"""A camera's calibration as other programs write it: Kalibr's camchain, ROS' camera_info, OpenCV's FileStorage.
+"""A camera's calibration in the formats of other programs: Kalibr's camchain, ROS' camera_info, OpenCV's FileStorage.
 
     Kalibr    cam0: {camera_model: pinhole, intrinsics: [fu, fv, pu, pv], resolution: [width, height],
               distortion_model: radtan | equidistant | none, distortion_coeffs: [...]}
@@ -6,9 +6,9 @@
     ROS       image_width, image_height, camera_matrix: {data: [9]}, distortion_coefficients: {data: [...]},
               distortion_model: plumb_bob | rational_polynomial | equidistant; or a message's d, k, width, height
     OpenCV    image_width, image_height, camera_matrix, distortion_coefficients as !!opencv-matrix; with
-              fisheye_model: 1 those of cv::fisheye
+              fisheye_model: 1 the coefficients of cv::fisheye
 
-All count pixels from the centre of the first one, as we do.
+In all formats pixel (0, 0) is the centre of the first pixel, as in this package.
 """
 
 import re
@@ -38,7 +38,7 @@ _MODELS: Final = {
     "fisheye": "fisheye",
     "radial-tangential": "brown_conrady",
 }
-_MOST: Final = 8  # coefficients; OpenCV's further ones are of a thin prism and a tilted sensor
+_MOST: Final = 8  # largest number of coefficients; OpenCV's further ones model a thin prism and a tilted sensor
 
 
 def _wrong(source: str, field: str, value: Any, must: str) -> InputError:
@@ -50,7 +50,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _as_number(value: Any) -> Any:
-    """Return a text's number, if it is one: Python and ROS write 2e-05, which is text to YAML."""
+    """Return a text as a number, if it is one: Python and ROS write 2e-05, which YAML reads as text."""
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:
@@ -58,7 +58,7 @@ def _as_number(value: Any) -> Any:
 
 
 def _numbers(source: str, field: str, value: Any, counts: tuple[int, ...] = ()) -> list[float]:
-    """Return a list of numbers, of a matrix its data, row by row."""
+    """Return a list of numbers; the elements of a matrix row by row."""
     data = value.get("data") if isinstance(value, dict) else value
     if isinstance(data, list) and data and all(isinstance(row, list) for row in data):
         data = [number for row in data for number in row]
@@ -76,9 +76,9 @@ def _whole(source: str, field: str, value: Any) -> int:
 
 
 def _lens(source: str, field: str, distortion: str, given: list[float]) -> dict[str, Any]:
-    """Return the distortion and its coefficients, both always: a calibration below is then replaced as a whole.
+    """Return the distortion and its coefficients, always both, so that they replace a default calibration completely.
 
-    Zeros at the end that we do not have are left out.
+    Zeros at the end, beyond our number of coefficients, are left out.
     """
     while len(given) > _MOST and given[-1] == 0.0:
         given = given[:-1]
@@ -102,7 +102,7 @@ def _of_kalibr(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _of_camera(source: str, cam: str, its: Mapping[str, Any], coefficients: str) -> dict[str, Any]:
-    """Return the calibration of a camera by Kalibr's keys; `cam` stands before them in an error."""
+    """Return the calibration of a camera with Kalibr's keys; `cam` is their prefix in an error."""
     if its.get("camera_model") != "pinhole":
         raise _wrong(source, f"{cam}camera_model", its.get("camera_model"), "pinhole")
     model, known = its.get("distortion_model"), ("radtan", "equidistant", "none", "radial-tangential")
@@ -145,16 +145,17 @@ def _of_ros_or_opencv(source: str, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_calibration(path: Path) -> dict[str, Any]:
-    """Read a scenario's `camera.calibration` from a calibration file: size, focal lengths, centre and lens.
+    """Return a scenario's `camera.calibration` from a calibration file: size, focal lengths, centre and lens.
 
-    A file of those very keys is read as it is. InputError names the file, the field and what is allowed.
+    A file that already has the keys of `camera.calibration` is returned unchanged. InputError names the file, the field
+    and the allowed values.
     """
     if not exists(path):
         raise InputError(f"camera.calibration: {str(path)[:200]!r}: no such file")
     source, text = str(path), read_text(path)
-    # OpenCV's first line is no YAML directive, and its matrices have a type of their own.
+    # OpenCV's first line is not a valid YAML directive, and its matrices have their own type.
     text = re.sub(r"\A%YAML[^\n]*\n", "", text).replace("!!opencv-matrix", "")
-    # `rostopic echo` ends each message with ---: the first counts.
+    # `rostopic echo` ends each message with ---: only the first message is read.
     parts = [part for part in re.split(r"(?m)^---\s*$", text) if part.strip()]
     data = parse_yaml(parts[0] if parts else "", source)
     if not isinstance(data, dict):

@@ -1,24 +1,24 @@
-"""The keys of a schema that an unknown key may have been meant for: mistyped, or looked for in another group."""
+"""The keys of a schema that a user may have meant by an unknown key: mistyped, or put in a wrong group."""
 
 from collections.abc import Iterable, Iterator
 from difflib import SequenceMatcher, get_close_matches
 from typing import Any, NamedTuple
 
-_ALIKE = 0.75  # least likeness of the last word of a key elsewhere; in the same group difflib's 0.6 is enough
-_MOST = 3  # keys in an answer
+_ALIKE = 0.75  # smallest similarity of the last word of a key in another group; in the same group difflib's 0.6 is used
+_MOST = 3  # largest number of keys in an answer
 
 Words = tuple[str, ...]
 
 
 class Known(NamedTuple):
-    """A key of a schema: the words of its dotted name, and the kinds of the groups around it ('' if they have none)."""
+    """A key of a schema: the words of its dotted name, and the kinds of the groups around it ('' without kinds)."""
 
     words: Words
     kind: str
 
 
 def keys_of(schema: dict[str, Any]) -> frozenset[Known]:
-    """Return every key of a JSON schema but those within lists, which no dotted key names."""
+    """Return all keys of a JSON schema but those within lists, which have no dotted name."""
     return frozenset(_keys(schema, schema, (), ""))
 
 
@@ -36,7 +36,7 @@ def _keys(schema: dict[str, Any], part: dict[str, Any], above: Words, kind: str)
 
 
 def words_of(name: str, value: Any) -> Words:
-    """Return an unknown key and the keys below it, as long as each group holds one setting."""
+    """Return an unknown key and the keys below it, down to the first group that does not hold exactly one setting."""
     words = [name]
     while isinstance(value, dict) and len(value) == 1:
         name, value = next(iter(value.items()))
@@ -45,11 +45,12 @@ def words_of(name: str, value: Any) -> Words:
 
 
 def did_you_mean(keys: frozenset[Known], group: Words, words: Words, siblings: Iterable[str]) -> str:
-    """Return ", did you mean 'x.y'?" for the keys that words of no key may have been meant for, or nothing.
+    """Return ", did you mean 'x.y'?" for the keys that the user may have meant by an unknown key, or an empty text.
 
-    The words are an unknown key in a group, which has siblings, and the keys below it as far as there is one each. In
-    this order: a key of that very name below the group, or in another kind of it; a sibling that is nearly the same; a
-    key of that name in another group; one there that is nearly the same.
+    `words` are the unknown key and the keys below it, see words_of; `group` is the group of the unknown key, `siblings`
+    are the known keys of the group. The candidates, in this order: a key of the same name below the group or in another
+    kind of the group; a sibling with a similar name; a key of the same name in another group; a key of a similar name
+    there.
     """
     inside = [key for key in keys if key.words[: len(group)] == group]
     kinds = sorted({key.kind for key in inside if key.kind and key.words == (*group, *words)})
@@ -67,7 +68,7 @@ def did_you_mean(keys: frozenset[Known], group: Words, words: Words, siblings: I
 
 
 def _ending_in(keys: Iterable[Known], words: Words) -> str:
-    """Return the question for the keys that end in the most of the words, from the first on."""
+    """Return the question for the keys whose names end in the largest number of the first words."""
     for n in range(len(words), 0, -1):
         same = [key for key in keys if key.words[-n:] == words[:n]]
         if same:
@@ -89,7 +90,7 @@ def _question(found: list[Known], rest: Words) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Return ", did you mean 'x'?" for the known word nearest to one that is unknown, or nothing if none is near."""
+    """Return ", did you mean 'x'?" for the known word nearest to an unknown word; an empty text if none is near."""
     by_lower = {name.lower(): name for name in known}
     begun = [name for name in by_lower if len(word) > 2 and name.startswith(word.lower())]  # a word cut short
     found = sorted(begun, key=len) or get_close_matches(word.lower(), by_lower, n=1)

@@ -1,4 +1,4 @@
-"""Problems in a user's data, a line each: field, value, what is allowed."""
+"""Problems in a user's data, one line each: field, value, allowed values."""
 
 import math
 import re
@@ -13,9 +13,9 @@ from pydantic_core import ErrorDetails
 
 from ortilo_drake.model.inputs.nearest_key import Known, did_you_mean, keys_of, nearest, words_of
 
-KEYS = 6  # of a group, shown where a value stands in its place
-SHOWN = 60  # characters of a value in an error
-_PLAIN = {  # pydantic's words, and ours
+KEYS = 6  # number of a group's keys in the error for a value in place of the group
+SHOWN = 60  # number of a value's characters in an error
+_PLAIN = {  # pydantic's words and our replacements
     "a valid integer": "an integer",
     "a valid number": "a number",
     "a valid boolean": "true or false",
@@ -32,12 +32,12 @@ _PLAIN = {  # pydantic's words, and ours
     " after validation": "",
     ", unable to interpret input": "",
 }
-TAGS = ("plain", "group")  # of a field that is one value or a group of them
-Place = tuple[int | str, ...]  # the steps from the whole to a field, as pydantic gives them
+TAGS = ("plain", "group")  # tags of the two forms of a field that may be one value or a group of values
+Place = tuple[int | str, ...]  # the path of keys and indices to a field, as pydantic gives it
 
 
 class SeveralProblems(ValueError):
-    """Problems that a model's own check found: lines that begin with the field; as an error it says the first."""
+    """Problems that a model's own check found: lines that begin with the field; the error's text is the first line."""
 
     def __init__(self, lines: list[str]) -> None:
         super().__init__(lines[0])
@@ -45,9 +45,9 @@ class SeveralProblems(ValueError):
 
 
 def _place(schema: dict[str, Any], loc: Place) -> tuple[str, dict[str, Any]]:
-    """Return the field that pydantic's loc names, without the kinds of unions in it, and the schema of that place.
+    """Return the dotted field that pydantic's loc names, without the kinds of unions, and the schema of the field.
 
-    Where the loc ends with one form of a value that has several, the schema has these as "forms".
+    If the loc ends with one of several forms of a value, the schema returned holds all of them as "forms".
     """
     names = schema.get("$defs", {})
 
@@ -61,7 +61,7 @@ def _place(schema: dict[str, Any], loc: Place) -> tuple[str, dict[str, Any]]:
     for step, after in zip_longest(loc, loc[1:]):
         if forms := here.get("of"):
             here = next((form for form in forms if _leads_on(form, step)), {})
-            if not here:  # the step is pydantic's name of a form; what comes after tells which one
+            if not here:  # the step is pydantic's name of a form; the next step shows which one
                 kind = {int: "array", str: "object"}.get(type(after))
                 here = {"forms": forms} if kind is None else next((f for f in forms if f.get("type") == kind), {})
                 continue
@@ -84,14 +84,14 @@ def _place(schema: dict[str, Any], loc: Place) -> tuple[str, dict[str, Any]]:
 
 
 def _leads_on(form: dict[str, Any], step: int | str) -> bool:
-    """Return whether a form of a value has such a part."""
+    """Return whether a form of a value has the part `step`."""
     if isinstance(step, int):
         return form.get("type") == "array"
     return step in form.get("properties", {}) or step in form.get("discriminator", {}).get("mapping", {})
 
 
 def _either(forms: list[dict[str, Any]]) -> str:
-    """Return what a value of several forms may be, as `text or an integer from 1 to 9`."""
+    """Return the allowed forms of a value as text, for example `text or an integer from 1 to 9`."""
     words = list(dict.fromkeys(map(_form, forms)))
     return ", ".join(words[:-1]) + (" or " if words[1:] else "") + words[-1]
 
@@ -112,7 +112,7 @@ def _form(form: dict[str, Any]) -> str:
 
 
 def plainly(message: str) -> str:
-    """Return a message of pydantic as what the input must be."""
+    """Return a message of pydantic in our words, which say what the input must be."""
     message = message.removeprefix("Value error, ")
     message = re.sub("^(Input|String|List|Tuple|Dictionary|Value) should ", "must ", message)
     message = message[:1].lower() + message[1:]
@@ -122,7 +122,7 @@ def plainly(message: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return a value as an error shows it: a long one by its beginning, a large group by its type."""
+    """Return a value as text for an error: only the beginning of a long value, only the type of a large group."""
     if isinstance(value, int) and value.bit_length() > 200:
         return f"an integer of {value.bit_length()} bits"
     text = repr(value)
@@ -138,15 +138,15 @@ def _schema(model: type[BaseModel]) -> dict[str, Any]:
 
 @cache
 def _keys(model: type[BaseModel]) -> frozenset[Known]:
-    """Return the keys of a model, and of all that it may hold where it says so (`model_of_all`)."""
+    """Return the keys of a model, or of its `model_of_all`, if it has one, with all groups that it may hold."""
     return keys_of(getattr(model, "model_of_all", lambda: model)().model_json_schema())
 
 
 def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
-    """Return the line of the problem that explains most of what pydantic found."""
+    """Return the line of the problem that explains most of pydantic's errors."""
     problems = error.errors()
-    # A misspelt key explains more than the errors that follow from it; and of a value that may have several forms, what
-    # is wrong within the one that it has.
+    # A misspelt key explains the errors that follow from it. For a value that may have several forms, a problem within
+    # the form that the value has explains most.
     problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
     if "forms" in _place(_schema(model), problem["loc"])[1]:
         whole = problem["loc"][:-1]
@@ -163,7 +163,7 @@ def _lines(problem: ErrorDetails, model: type[BaseModel]) -> list[str]:
 
 
 def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
-    loc, schema = tuple(step for step in problem["loc"] if step != "[key]"), _schema(model)  # of a key that is wrong
+    loc, schema = tuple(step for step in problem["loc"] if step != "[key]"), _schema(model)  # "[key]" marks a wrong key
     field, here = _place(schema, loc)
     value = shown(problem["input"])
     if "forms" in here and problem["type"] != "value_error":
@@ -198,7 +198,7 @@ def _line(problem: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _of_group(here: dict[str, Any], message: str) -> str:
-    """Return what a group has that a value should have been: its kinds, or its first keys."""
+    """Return the kinds or the first keys of a group, for the error of a value in place of the group."""
     if "an object" not in message:
         return ""
     kinds, keys = here.get("discriminator", {}).get("mapping", {}), list(here.get("properties", {}))
@@ -215,12 +215,12 @@ def _is_number(text: Any) -> bool:
 
 
 def problem_lines(error: ValidationError, model: type[BaseModel]) -> list[tuple[Place, str]]:
-    """Return the place of each of pydantic's errors, in its order, with a line that describes it."""
+    """Return the place and a line of text for each of pydantic's errors, in pydantic's order."""
     return [(problem["loc"], line) for problem in error.errors() for line in _lines(problem, model)]
 
 
 def emptied(data: dict[str, Any], places: Iterable[Place]) -> dict[str, Any]:
-    """Return a copy of plain data with None in those places of lists, and without those keys of groups."""
+    """Return a copy of plain data where list items at `places` are None and keys of groups at `places` are removed."""
     copied = deepcopy(data)
     for place in places:
         inner: Any = copied
@@ -234,9 +234,9 @@ def emptied(data: dict[str, Any], places: Iterable[Place]) -> dict[str, Any]:
 
 
 def without(data: dict[str, Any], places: Iterable[Place], stand_in: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain data without the wrong part, by its places: an item of a list of lists or groups, or else the field.
+    """Return plain data without the wrong parts at `places`: items of a list of lists or groups, or else whole fields.
 
-    Fields to stand in take the place of those left out or missing.
+    The fields of `stand_in` replace those left out or missing.
     """
     items: dict[str, set[int]] = {}
     left = dict(data)

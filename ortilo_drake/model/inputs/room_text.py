@@ -1,6 +1,6 @@
-"""The text of a room file as plain data: anchors by name, as cfclient keeps them, become a list of positions.
+"""The text of a room file as plain data; anchors by name, as cfclient stores them, become a list of positions.
 
-A room of a user need not give the sizes of the landmark classes in the room that the paper's authors flew in.
+A user's room may leave out the sizes of landmark classes that the room of the paper's authors has.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ _WANTED = "must be [[x, y, z], ...] in m, or by name {0: {x: , y: , z: }, ...}"
 def parse_room(text: str, source: str) -> Any:
     """Return the plain data of a room file's YAML.
 
-    InputError, which begins with the source, as parse_yaml, or if anchors have other keys than x, y and z.
+    InputError, which begins with the source, as in parse_yaml, or if anchors have other keys than x, y and z.
     """
     data = parse_yaml(text, source, _names_of_anchors)
     if not isinstance(data, dict):
@@ -35,7 +35,7 @@ def parse_room(text: str, source: str) -> Any:
 
 
 def _listed(anchors: Any, source: str) -> Any:
-    """Return anchors as a list of [x, y, z], in the order of the file; what is no mapping stays as it is."""
+    """Return anchors as a list of [x, y, z], in the order of the file; data of other types is returned unchanged."""
     named = anchors.items() if isinstance(anchors, dict) else enumerate(anchors) if isinstance(anchors, list) else ()
     found = []
     for name, value in named:
@@ -54,7 +54,7 @@ def _is_by_axes(value: Any) -> bool:
 
 
 def _names_of_anchors(document: yaml.Node) -> Iterator[yaml.Node]:
-    """Yield the keys that name anchors, numbers most often: those under 'anchors', and of a file of anchors alone."""
+    """Yield the keys that name anchors, mostly numbers: keys under 'anchors', and keys of a file with only anchors."""
     for key, value in document.value if isinstance(document, yaml.MappingNode) else ():
         if isinstance(key, yaml.ScalarNode) and isinstance(value, yaml.MappingNode):
             yield key
@@ -69,7 +69,7 @@ def _known_classes() -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def with_known_classes(data: Any) -> Any:
-    """Return a room's plain data with size and outline of ortilo_room.yaml for each class that has no size in it."""
+    """Return a room's plain data; each class without a size gets the size and outline of ortilo_room.yaml."""
     if not isinstance(data, dict) or not isinstance(data.get("landmarks"), list):
         return data
     sizes, outlines = data.get("landmark_size", {}), data.get("landmark_outline", {})
