@@ -55,6 +55,12 @@ def main() -> None:
             _silence(sys.stdout)
             what = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
             code = _say(one_line(f"{what}{error.strerror or error}"), 2)
+        except ValueError as error:
+            from ortilo_drake.loop.raised import ElementError  # whoever raises it has loaded it
+
+            if not isinstance(error, ElementError) or interrupted:
+                raise
+            code = _say(one_line(f"{error}"), 2)
         except MemoryError:
             code = _say("out of memory", 2)
         except ModuleNotFoundError as error:

@@ -31,6 +31,7 @@ from pydrake.systems.framework import System
 from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
 from ortilo_drake.loop.element import Box, constant, parts_of
 from ortilo_drake.loop.own import output_at_first
+from ortilo_drake.loop.raised import ElementError
 from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, SENSORS
@@ -38,6 +39,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.belief import together_box, widened_box
 from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.scenario import Belief
+from ortilo_drake.scenario.own_box import box_of
 
 BELIEF = N_XBAR + N_XBAR * N_XBAR
 OF_VEHICLE = N_X + N_X * N_X
@@ -91,8 +93,9 @@ def system_estimator_boxes(belief: Belief, system: System, signals: dict[str, tu
 
 def own_box(role: str, belief: Belief, *arguments: np.ndarray) -> Box:
     """Return the box of the part of a role that a scenario names, an element, as the part makes it."""
-    part: Any = find_part(role, getattr(belief, role).kind)
-    made: Box = part.box(belief, *arguments)
+    kind = getattr(belief, role).kind
+    part: Any = find_part(role, kind)
+    made: Box = box_of(part, f"{role}.kind: {kind}", belief, *arguments)
     return made
 
 
@@ -152,13 +155,13 @@ def _try_out(box: Box, sizes: Mapping[str, int], whose: str) -> None:
     whatever lies there. Other errors may come of the inputs' zeros, so they are left to the flight.
 
     Raises:
-        InputError: if a name or an attribute is unknown, or an index lies outside its array.
+        InputError: if a name or an attribute is unknown, an index lies outside its array, or anything is returned.
     """
     for what in box.element.functions:
         try:
             with np.errstate(all="ignore"):
                 output_at_first(box, what, sizes)
-        except (NameError, AttributeError, IndexError) as error:
+        except (NameError, AttributeError, IndexError, ElementError) as error:
             of_n = isinstance(error, AttributeError) and isinstance(error.obj, np.record)
             said = f"n has no {getattr(error, 'name', '')!r}" if of_n else f"{error}"
             raise InputError(f"{whose}: {what}: {said}") from None

@@ -11,6 +11,7 @@ import pickle
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from functools import lru_cache
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -127,7 +128,7 @@ def box_ir(box: str, element: Element, single: bool) -> dict[str, str]:
     InputError if a function calls code that needs Python.
     """
     module = ModuleType("ortilo_exported")
-    vars(module).update(known_to(element))
+    vars(module).update(known_to(replace(element, checked=False)))
     text = native_text(element).replace("cache=True", "cache=False")
     if single:
         text = text.replace("from_dtype(", "narrow_record(")

@@ -132,6 +132,7 @@ class Element:
         allocates: whether the functions make arrays. If not, numba compiles them without its memory management.
         reads: inputs of an element without functions: the vector inputs of the Drake System that plays it.
         groups: NamedTuples that the functions take as parameters.
+        checked: whether compiled code checks array indices, and an error that a function raises ends the flight.
     """
 
     name: str
@@ -145,6 +146,7 @@ class Element:
     allocates: bool = False
     reads: tuple[str, ...] = ()
     groups: tuple[Group, ...] = ()
+    checked: bool = False
 
     def having(self, given: "Values", work: dict[str, tuple[int, ...]]) -> "Element":
         """Return the element with the numbers, tables and state that `given` has, and with these work arrays."""

@@ -7,9 +7,11 @@ by numba: one compiled form serves every wiring, room and size. Whoever calls it
     k, seed                whole numbers
     <array>, its shape     the address, then one whole number for each dimension; in the order of the parameters
 
-Addresses are not checked: wiring.py and player.py see to it that every size fits.
+Addresses are not checked: wiring.py and player.py see to it that what is made of them has its size. Whether an element
+looks beyond its arrays only an element of one's own checks (Element.checked); the tests do it for those of the package.
 """
 
+import re
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -18,11 +20,13 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from numba import njit
+from numba.core.errors import NumbaError
 
 from ortilo_drake.compiled.digest import digest_of, modules_of, plain
 from ortilo_drake.loop.element import Array, Element, Group, Number, takes
 from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.inlined import OPTIONS, Inlined, helpers_only_linked
+from ortilo_drake.loop.raised import ElementError, places_in
 
 _KINDS = {"f8": "types.float64", "i8": "types.int64", "u8": "types.uint64", "b1": "types.boolean"}
 _WHOLE = {"k": "types.int64", "seed": "types.int64"}
@@ -120,19 +124,31 @@ def _classes(groups: Iterable[Number | Array | Group]) -> dict[str, type]:
 def known_to(element: Element) -> dict[str, Any]:
     """Return the globals of native_text's source, by name: the element's functions and the classes of its tuples."""
     options = OPTIONS if element.allocates else OPTIONS | {"_nrt": False}
+    options |= {"boundscheck": True} if element.checked else {}
     # Inlined, descriptors of arrays stay in registers.
     compiled = njit(error_model="numpy", pipeline_class=Inlined, **options)
     jitted = {f"its_{what}": compiled(plain(f)) for what, f in element.functions.items()}
     return jitted | _classes(element.groups)
 
 
+def _why(element: Element, error: NumbaError) -> str:
+    """Return why numba cannot compile an element: the first of its reasons, and the line that it names."""
+    said = [line.strip() for line in f"{error}".splitlines() if line.strip() and not line.startswith("Failed in")]
+    reason = f"{said[0]} {said[1].lstrip('> ')}" if said[0].endswith(":") else said[0]
+    line = re.search(r" at \S+ \((\d+)\)", f"{error}")
+    return f"{places_in([element])}: numba cannot compile it: {reason}{f', in line {line[1]}' if line else ''}"
+
+
 @lru_cache(maxsize=256)
 def native_of(element: Element) -> dict[str, Native]:
     """Return an element's functions, compiled, by name: `out` and `step`, those that it has."""
     text = native_text(element)
-    name = f"{element.name}_{digest_of(text, *element.functions.values())}"
-    with helpers_only_linked():
-        module = load(name, text, known_to(element))
+    name = f"{element.name}_{digest_of(text, *element.functions.values())}{'_checked' * element.checked}"
+    try:
+        with helpers_only_linked():
+            module = load(name, text, known_to(element))
+    except NumbaError as error:
+        raise ElementError(_why(element, error)) from error
     found = {}
     for what, function in element.functions.items():
         its = getattr(module, f"{what}_c")

@@ -6,13 +6,17 @@ def out(n, estimate, reference, out):
 made = box(1, out, numbers={"gain": 2.0})
 """
 
+import inspect
 from collections.abc import Callable, Mapping
+from keyword import iskeyword
 from numbers import Integral
 from typing import Any
 
 import numpy as np
 
-from ortilo_drake.loop.element import Box, Element, Values, takes
+from ortilo_drake.compiled.digest import plain
+from ortilo_drake.loop.element import Box, Element, Values, kind_of, takes
+from ortilo_drake.loop.raised import ElementError
 from ortilo_drake.loop.wiring import check_values
 
 
@@ -44,16 +48,45 @@ def box(
         shows: name of the state that is the output, in place of `out`.
 
     Raises:
-        ValueError: if a value is no number or array of numbers, the size is no positive integer, or there is no output.
+        ValueError: if a value is no number or array of numbers, is NaN or has no name of its own, if the size is no
+            positive integer, or if there is no output.
     """
     if not isinstance(size, Integral) or size < 1:
         raise ValueError(f"size: {size!r}: must be an integer, at least 1")
     if out is None and shows is None:
         raise ValueError("out: is missing: must write the output, unless shows names a state")
-    element = Element("own", out, step, shows=shows, allocates=True)
+    if out is not None and shows is not None:
+        raise ValueError(f"out: must be left out where shows names the output, {shows!r}")
+    for what, function in (("out", out), ("step", step)):
+        if function is not None and not inspect.isfunction(plain(function)):
+            raise ValueError(f"{what}: {function!r}: must be a function")
+    groups = {"numbers": numbers, "tables": tables, "state": state, "work": work}
+    _check_names({group: its or {} for group, its in groups.items()})
+    for name, values in ((numbers or {}) | (state or {})).items():
+        kind_of(name, values)
+        if np.isnan(values).any():
+            raise ValueError(f"{name}: is {values!r}, must not be NaN")
+    for name, values in ((tables or {}) | (state or {})).items():
+        if np.ndim(values) == 0:
+            raise ValueError(f"{name}: is {values!r}, must be an array")
+    element = Element("own", out, step, shows=shows, allocates=True, checked=True)
     made = Box("own", element, size, Values(numbers or {}, state or {}, tables or {}), work or {})
     check_values(made)
     return made
+
+
+def _check_names(groups: dict[str, dict[str, Any]]) -> None:
+    """Check the names of values, each of which is one parameter's or one field's; ValueError where one is wrong."""
+    seen = set[str]()
+    for group, its in groups.items():
+        if not isinstance(its, dict):
+            raise ValueError(f"{group}: {its!r}: must be values by their names")
+        for name in its:
+            if not isinstance(name, str) or not name.isidentifier() or iskeyword(name):
+                raise ValueError(f"{group}: {name!r}: must be a name that a parameter may have")
+            if name in seen:
+                raise ValueError(f"{group}: {name!r}: has that name twice")
+            seen.add(name)
 
 
 def output_at_first(its: Box, what: str, sizes: Mapping[str, int]) -> np.ndarray:
@@ -63,6 +96,9 @@ def output_at_first(its: Box, what: str, sizes: Mapping[str, int]) -> np.ndarray
         its: the box.
         what: "out" or "step"; without a function of that name, the state that the box shows is returned.
         sizes: size of each input, by name.
+
+    Raises:
+        ElementError: if the function returns anything.
     """
     element, given, n = its.element, its.given, np.zeros(1, its.element.dtype).view(np.recarray)[0]
     if what not in element.functions:
@@ -76,6 +112,7 @@ def output_at_first(its: Box, what: str, sizes: Mapping[str, int]) -> np.ndarray
     known |= {name: np.zeros(shape) for name, shape in its.work.items()}
     known |= {name: np.zeros(sizes[name]) for name in element.inputs_of(function)}
     known |= {group.name: group.filled(n, known.__getitem__) for group in element.groups}
-    function(**{name: known[name] for name in takes(function)})
+    if function(**{name: known[name] for name in takes(function)}) is not None:
+        raise ElementError(f"returns something: must write into {'`out`' if what == 'out' else 'its state'} instead")
     said: np.ndarray = known["out"]
     return said

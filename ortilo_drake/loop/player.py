@@ -7,6 +7,7 @@ import numpy as np
 from ortilo_drake.compiled.digest import digest_of
 from ortilo_drake.loop.element import Values
 from ortilo_drake.loop.generated import load
+from ortilo_drake.loop.raised import listen, tell
 from ortilo_drake.loop.source import Places, flight_text, places_of
 from ortilo_drake.loop.wiring import Wiring
 
@@ -47,13 +48,17 @@ class Player:
 
         Raises:
             ValueError: if the shapes do not fit, or what is drawn is not the box's.
+            ElementError: if an element raises in flight.
         """
         if trace.shape != (len(seeds), self.width) or trace.dtype != np.float64 or seeds.dtype != np.int64:
             raise ValueError(f"trace: has the shape {trace.shape}, must have {(len(seeds), self.width)}")
         memory = self._memory.copy()
         for name, given in drawn.items():
             memory.put(name, given)
-        return int(self._fly(memory.N, memory.S, memory.W, memory.Y, memory.T, seeds, trace))
+        listen()
+        last = int(self._fly(memory.N, memory.S, memory.W, memory.Y, memory.T, seeds, trace))
+        tell(self.wiring.boxes.values())
+        return last
 
 
 class Memory:

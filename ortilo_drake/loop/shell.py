@@ -18,6 +18,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 from ortilo_drake.loop.calls import PlainCalls, Reading, compiled_calls
 from ortilo_drake.loop.element import OUTSIDE, Values
 from ortilo_drake.loop.player import Memory
+from ortilo_drake.loop.raised import listen, tell
 from ortilo_drake.loop.seeds import seed_of
 from ortilo_drake.loop.source import place_of, places_of
 from ortilo_drake.loop.wiring import Wire, Wiring
@@ -68,6 +69,7 @@ def WiredSystem_(T: type) -> type:
             self.set_name(name)
             self._arguments = {"name": name, "wiring": wiring, "outputs": outputs, "h": h, "seed": seed}
             self._h, self._wiring, self._places = h, wiring, places_of(wiring)
+            self._checked = any(box.element.checked for box in wiring.boxes.values())
             reading, memory = Reading(wiring), Memory(wiring, self._places)
             memory.seeds = np.array([seed])
             self._given = self.DeclareAbstractParameter(Value[object](memory))
@@ -174,7 +176,11 @@ def WiredSystem_(T: type) -> type:
             memory = self._seeded.Eval(context) if drawn else self._memory_in(context)
             k = int(_value_of(context.get_time()) / self._h + 0.5)
             if T is float:
+                if self._checked:
+                    listen()
                 self._compiled[what](memory, S, Y, k)
+                if self._checked:
+                    tell(self._wiring.boxes.values())
             else:
                 with np.errstate(invalid="ignore"):  # Drake's symbols leave floating-point flags raised
                     self._plain.make(self._calls[what], memory, S, Y, k)

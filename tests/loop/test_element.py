@@ -35,6 +35,10 @@ def without_n(settings: Settings, out: np.ndarray) -> None:
     out[0] = settings.grid.scale
 
 
+def write(out: np.ndarray) -> None:
+    out[0] = 0.0
+
+
 SETTINGS = Settings(3, Grid(np.arange(6.0).reshape(3, 2), 2.0), True, np.array([True, False, True]))
 BOX = Box("said", Element("said", out=said), 3, Values({"absent": 7.0}))
 SAID = [[-20.0, 7.0, -60.0], [-21.0, 7.0, -65.0], [-22.0, 7.0, -70.0]]
@@ -79,8 +83,16 @@ def test_what_is_no_number_is_refused_by_name(wrong: Any) -> None:
         (lambda: box(4), "^out: is missing"),
         (lambda: box("a", lambda out: None), "^size: 'a': must be an integer, at least 1$"),  # type: ignore[arg-type]
         (lambda: box(0, lambda out: None), "^size: 0: must be an integer, at least 1$"),
+        (lambda: box(1, "say"), "^out: 'say': must be a function$"),  # type: ignore[arg-type]
+        (lambda: box(1, write, shows="x", state={"x": [0.0]}), "^out: must be left out where shows names the output"),
+        (lambda: box(1, write, numbers=[1.0]), r"^numbers: \[1\.0\]: must be values by their names$"),  # type: ignore[arg-type]
+        (lambda: box(1, write, numbers={"class": 1.0}), "^numbers: 'class': must be a name that a parameter may have$"),
+        (lambda: box(1, write, tables={"a": [1.0]}, state={"a": [1.0]}), "^state: 'a': has that name twice$"),
+        (lambda: box(1, write, numbers={"a": float("nan")}), "^a: is nan, must not be NaN$"),
+        (lambda: box(1, write, state={"a": "no"}), "^a: is 'no', must be a number or an array of numbers$"),
+        (lambda: box(1, write, state={"a": 1.0}), "^a: is 1.0, must be an array$"),
     ],
 )
-def test_a_box_without_an_output_is_refused_where_it_is_made(made: Callable[[], object], said: str) -> None:
+def test_a_box_that_cannot_be_is_refused_where_it_is_made(made: Callable[[], object], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         made()

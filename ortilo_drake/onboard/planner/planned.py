@@ -15,6 +15,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.seen import fix_sources
 from ortilo_drake.scenario import Belief, GcsPlanner, HoverPlanner, WaypointPlanner
+from ortilo_drake.scenario.own_box import box_of
 
 Planned: TypeAlias = Trajectory | System | Box
 BUILT_IN = (GcsPlanner, HoverPlanner, WaypointPlanner)
@@ -30,7 +31,7 @@ def planned(scenario: Belief, make: Callable[[Belief], Planned] | None = None) -
     if make is None and not isinstance(scenario.planner, BUILT_IN):
         found = find_part("planner", scenario.planner.kind)
         if found is not None and found.box is not None:
-            its: Box = found.box(scenario)
+            its: Box = box_of(found, f"planner.kind: {scenario.planner.kind}", scenario)
             return its
         make = found.make if found else None
     if make is None:

@@ -15,6 +15,7 @@ from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.faults import Stuck
+from ortilo_drake.scenario.own_box import box_of
 from ortilo_drake.world.faults.table import (
     ANCHOR_MOVED,
     ANCHORS_DYING,
@@ -254,8 +255,7 @@ def own_fault_box(part: Part, its: Numbered, message: Box, samples: int, h: floa
     where = f"faults.{its.i}: {part.kind}"
     if samples > 1:
         raise InputError(f"{where}: {message.name}: sends {samples} samples in a tick, must send one for such a fault")
-    assert part.box is not None  # register_part ensures it
-    box: Box = part.box(its.fault, message.size, h)
+    box: Box = box_of(part, where, its.fault, message.size, h)
     if box.size != message.size:
         raise InputError(f"{where}: says {box.size} numbers, must be {message.size}, the message's")
     for port in box.element.inputs:

@@ -1,0 +1,20 @@
+"""The box that a part of one's own makes, or a line on why it makes none."""
+
+from typing import Any
+
+from ortilo_drake.loop.element import Box
+from ortilo_drake.model.parts import Part
+from ortilo_drake.model.typed_yaml import InputError
+
+
+def box_of(part: Part, whose: str, *arguments: Any) -> Box:
+    """Return the box that a part makes of its arguments; InputError, which begins with `whose`, if it makes none."""
+    assert part.box is not None  # register_part sees to it
+    try:
+        made = part.box(*arguments)
+    except Exception as error:  # whatever a user's function does wrong; od.box's ValueError names what is
+        said = f"{error}" if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        raise InputError(f"{whose}: {said}") from error
+    if not isinstance(made, Box):
+        raise InputError(f"{whose}: its box returns {made!r}: must return an od.box")
+    return made
