@@ -1,1 +1,1 @@
-"""The best that could have been known of a flight: every estimate by all measurements, those to come as well."""
+"""The best possible estimates of a flight: each by all measurements, later ones included."""

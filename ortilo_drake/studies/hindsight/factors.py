@@ -1,6 +1,6 @@
 """Factors of the graph beside the imu's: ranges, boxes, angles, rows of other sensors, and slow errors as variables.
 
-Residuals are predicted less measured, by the equations that the tight filter flies (onboard/estimator/tight). A pose's
+Residuals are predicted less measured values, by the tight filter's equations (onboard/estimator/tight). A pose's
 tangent is GTSAM's, [theta, t] in B: R_WB exp([theta]x), p_WB + R_WB t.
 """
 
@@ -15,11 +15,11 @@ from ortilo_drake.model.pinhole import Camera, box_center
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.ranges import range_row
 
-LEAST_SD = 1e-6  # stands for a standard deviation of 0, with which no factor can be weighted [m, rad, s, ...]
+LEAST_SD = 1e-6  # replaces a standard deviation of 0, by which no factor can be weighted [m, rad, s, ...]
 
 
 def weighted(sds: np.ndarray, huber: float) -> gtsam.noiseModel.Base:
-    """Return noise of these standard deviations, with Huber's loss beyond that many of them; inf: squares alone."""
+    """Return noise of these standard deviations, with Huber's loss beyond `huber` of them; inf: squares alone."""
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(np.asarray(sds, dtype=float), LEAST_SD))
     if np.isinf(huber):
         return noise
@@ -33,7 +33,7 @@ def rpy_of(R: np.ndarray) -> np.ndarray:
 
 
 class Reach(NamedTuple):
-    """A range in a sum of ranges: its sign, anchor a in W (3), and keys of the numbers (1 each) that it errs by [m]."""
+    """A range in a sum of ranges: its sign, anchor a in W (3), and the keys of its error variables (1 each) [m]."""
 
     sign: float
     anchor: np.ndarray
@@ -50,11 +50,11 @@ def ranges_factor(
     lever: np.ndarray,
     noise: gtsam.noiseModel.Base,
 ) -> gtsam.CustomFactor:
-    """Return the factor of a range or of a difference of two, see onboard/estimator/tight/ranges.py, ranges.py.
+    """Return the factor of a range or of a difference of two ranges, see onboard/estimator/tight/ranges.py.
 
-    Keys are those of the pose at the message's stamp, of v_WB there (None where nothing is older than the stamp) and of
-    the time by which the message is older than its stamp (None where that is known). `measured` is the sum of `ranges`
-    [m], the packet's age is at the message's stamp [s], the antenna's lever is in B (3).
+    pose, velocity: keys of the pose and of v_WB at the message's stamp (velocity None if nothing is older than the
+    stamp); clock: key of the time by which the message is older than its stamp, None if that is known; measured: the
+    measured sum of `ranges` [m]; age: of the packet at the message's stamp [s]; lever: of the antenna, in B (3).
     """
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
@@ -90,7 +90,7 @@ class Moving(NamedTuple):
 
 
 class Landmark(NamedTuple):
-    """A landmark as its boxes are predicted: where it was surveyed (3), and its outline, see model/pinhole.py."""
+    """A landmark for the prediction of boxes: its surveyed position in W (3), and its outline, see model/pinhole.py."""
 
     position: np.ndarray
     outline: np.ndarray
@@ -108,18 +108,18 @@ def box_factor(
 ) -> gtsam.CustomFactor:
     """Return the factor of one box's centre, see onboard/estimator/tight/pixels.py.
 
-    From a pose without a projection it is 0. How the camera's clock moves the prediction is taken to first
-    order: its own change with the pose is left out of the derivatives.
+    The residual is 0 at a pose from which the landmark has no projection. The effect of the camera's clock on the
+    prediction is taken to first order: its derivative by the pose is left out.
 
     Args:
-        pose: key of the pose at its stamp.
-        survey: key of the landmark's offset from where it was surveyed (3); None where there is none.
-        slow: key of the error that lasts (2) and its scale (2) [px]; likewise.
-        moving: of its clock; likewise.
+        pose: key of the pose at the box's stamp.
+        survey: key of the landmark's offset from its surveyed position (3), None without one.
+        slow: key of the lasting error (2) and its scale (2) [px], None without one.
+        moving: keys of the camera's clock error, None without one.
         center: of the box (2) [px].
         landmark: the landmark.
         camera: the camera.
-        noise: of what is new in the box.
+        noise: white noise of the box's centre.
     """
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
@@ -156,7 +156,7 @@ def box_factor(
 
 
 def angles_factor(pose: int, errors: int | None, rpy: np.ndarray, noise: gtsam.noiseModel.Base) -> gtsam.CustomFactor:
-    """Return the factor of the imu's roll, pitch and yaw (3) [rad]; errors is the key of their errors (3)."""
+    """Return the factor of the imu's roll, pitch and yaw (3) [rad]; errors: key of the angles' errors (3), or None."""
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
         own = rpy_of(values.atPose3(pose).rotation().matrix())
@@ -175,10 +175,10 @@ def angles_factor(pose: int, errors: int | None, rpy: np.ndarray, noise: gtsam.n
 def rows_factor(
     pose: int, velocity: int, bias: int, w: np.ndarray, y: np.ndarray, C: np.ndarray, V: np.ndarray, huber: float
 ) -> gtsam.CustomFactor:
-    """Return the factor of values y = C x + v of the paper's twelve states.
+    """Return the factor of values y = C x + v (m) of the paper's twelve states x.
 
-    Keys are those of the pose, of v_WB and of the imu's biases; w are the body rates as measured (3) [rad/s]. There are
-    m values y with rows C (m, 12), and V is the covariance of v (m, m); huber as in weighted.
+    pose, velocity, bias: keys of the pose, of v_WB and of the imu's biases; w: measured body rates (3) [rad/s]; C: rows
+    (m, 12); V: covariance of v (m, m); huber as in `weighted`.
     """
     whiten = np.linalg.inv(np.linalg.cholesky(V))
     rows, value = whiten @ C, whiten @ y
@@ -206,9 +206,9 @@ def _euler_rates_by_rpy(rpy: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 class Process:
-    """A slow quantity: a variable at each time at which it is used, and factors between successive ones.
+    """A slow quantity: a variable at each time at which it is used, and factors between successive variables.
 
-    Of a Gauss-Markov process of standard deviation sd and correlation time T, and of a random walk,
+    A Gauss-Markov process of standard deviation sd and correlation time T, and a random walk, follow
 
         e(t) = e(s) exp(-(t - s) / T) + w,  w ~ N(0, sd^2 (1 - exp(-2 (t - s) / T)))
         e(t) = e(s) + w,                    w ~ N(0, rate^2 (t - s))
@@ -216,11 +216,11 @@ class Process:
     A constant is one variable for all times.
 
     Args:
-        graph: gets the factors.
-        values: get the variables, at 0.
-        keys: gives keys that are not yet used, see numbered.
+        graph: the factors are added to it.
+        values: the variables are added to them, at 0.
+        keys: gives unused keys, see numbered.
         sd: standard deviation at first (m).
-        rate: of the random walk, after 1 s.
+        rate: standard deviation of the random walk after 1 s.
         time: correlation time T [s]; None for a random walk or a constant.
     """
 
@@ -238,7 +238,7 @@ class Process:
         self._last: tuple[int, float] | None = None
 
     def at(self, t: float) -> int:
-        """Return the key of the variable at a time [s]; times do not fall."""
+        """Return the key of the variable at a time t [s], which must not decrease from call to call."""
         m = len(self._sd)
         if self._last is None:
             key = self._add()
@@ -269,5 +269,5 @@ class Process:
 
 
 def numbered() -> Iterator[int]:
-    """Return keys of the variables of Processes, each given once."""
+    """Return an iterator over keys for the variables of Processes, each key once."""
     return (int(gtsam.symbol("e", i)) for i in count(1))

@@ -1,13 +1,13 @@
 """A flight's batch factor graph: every pose, velocity and bias by all ranges, boxes and samples of the imu at once.
 
-A variable each for the pose X_k, the velocity V_k and the imu's biases B_k of every tick, and for what lasts of the
-sensors' errors. Factors: what is believed of the start, the preintegrated imu between two ticks, its angles, each range
-or difference of ranges and each box's centre at its stamp, and rows of other sensors. Levenberg and Marquardt's method
-begins at what the flight's own filter estimated (Dellaert and Kaess, "Factor graphs for robot perception", Foundations
-and Trends in Robotics 6, 2017).
+The variables are the pose X_k, the velocity V_k and the imu's biases B_k of every tick, and the sensors' lasting
+errors. The factors are the prior of the start, the preintegrated imu between two ticks, its angles, each range or
+difference of ranges and each box's centre at its stamp, and rows of other sensors. Levenberg and Marquardt's method
+begins at the estimates of the flight's own filter (Dellaert and Kaess, "Factor graphs for robot perception",
+Foundations and Trends in Robotics 6, 2017).
 
-Boxes are given to landmarks by the onboard half's association: at first about the filter's estimates, and then, in a
-second graph, about the first graph's.
+The onboard half's association assigns boxes to landmarks: first about the filter's estimates, and then, in a second
+graph, about the first graph's estimates.
 """
 
 import gtsam
@@ -50,9 +50,9 @@ from ortilo_drake.studies.hindsight.solver import eliminated, minimum
 
 
 class FlightGraph:
-    """The factor graph of a flight, and the values of its variables where the method begins.
+    """The factor graph of a flight, and the first values of its variables.
 
-    It begins from the estimates `about` (n, 12 or more), by which boxes are given to landmarks.
+    These are the estimates `about` (n, 12 or more), which also serve to associate boxes with landmarks.
     """
 
     def __init__(self, recorded: RecordedFlight, about: Smoothed):
@@ -71,7 +71,7 @@ class FlightGraph:
         self._add_rows()
 
     def _bias(self, k: int) -> int:
-        """Return the key of the biases at a tick: one for all where they do not walk."""
+        """Return the key of the biases at a tick: one key for all ticks if the biases do not walk."""
         imu = self._settings.imu
         return int(B(k if imu.gyroscope_rate > 0.0 or imu.accelerometer_rate > 0.0 else 0))
 
@@ -79,7 +79,7 @@ class FlightGraph:
         return Process(self.graph, self.values, self._keys, np.broadcast_to(sd, size).astype(float), rate, time)
 
     def _add_start(self) -> None:
-        """Add the variables, and what is believed of the first."""
+        """Add the variables of all ticks, and the priors of the first tick's."""
         for k in range(self._n):
             x = self._about.x[k]
             pose = gtsam.Pose3(gtsam.Rot3(matrix_of(quaternion_of(x[3:6]))), x[0:3])
@@ -93,7 +93,7 @@ class FlightGraph:
         self.graph.add(gtsam.PriorFactorPose3(X(0), start, weighted(np.repeat([angle_sd, p_sd], 3), np.inf)))
         self.graph.add(gtsam.PriorFactorVector(V(0), x_0[6:9], weighted(np.full(3, v_sd), np.inf)))
         sds = np.repeat([imu.accelerometer_sd, imu.gyroscope_sd], 3)
-        if (rest := rest_of(self._scenario)) is not None:  # what the level's error makes of them is taken for a part
+        if (rest := rest_of(self._scenario)) is not None:  # the level error's effect on the biases counts as a part
             layout = make_layout({"angles": 3}, 0)
             noise = sample_sds(self._settings, self._scenario.imu_samples, self._h)
             sds = np.sqrt(np.diag(initial_covariance(self._settings, layout, rest, noise)))
@@ -102,7 +102,7 @@ class FlightGraph:
         self.graph.add(gtsam.PriorFactorConstantBias(self._bias(0), no_bias, weighted(sds, np.inf)))
 
     def _add_imu(self) -> np.ndarray:
-        """Add the imu; return the body rates of each tick (n, 3)."""
+        """Add the imu's factors; return the body rates of each tick (n, 3) [rad/s]."""
         imu, n, h = self._settings.imu, self._scenario.imu_samples, self._h
         measurement = self._scenario.measurement
         samples = samples_of(self._recorded.messages, measurement.sensors[measurement.inertial], n)
@@ -127,7 +127,7 @@ class FlightGraph:
         return w
 
     def _messages(self, name: str) -> list[tuple[int, np.ndarray]]:
-        """Return a port's messages with the ticks of their stamps, in the order of these."""
+        """Return a port's messages with the ticks of their stamps, in the order of the ticks."""
         found = [its[name] for its in self._recorded.messages if name in its]
         there = [message for message in found if message[ARRIVED] == 1.0 and np.isfinite(message).all()]
         stamped = [(round(message[STAMP] / self._h), message) for message in there]
@@ -160,13 +160,13 @@ class FlightGraph:
     def _add_differences(
         self, k: int, message: np.ndarray, anchors: np.ndarray, errors: list[tuple[int, ...]], clock: int | None
     ) -> None:
-        """Add the differences of a message with the stamp of tick k; the keys of each anchor's errors and the clock."""
+        """Add the differences of a message stamped at tick k; errors, clock: keys of each anchor's and the clock's."""
         ranges, about = self._settings.ranges, self._about.x[k, :3]
         sds = ranges.noise.sds[0] + ranges.noise.sds[1] * np.linalg.norm(anchors - about, axis=1)
         for row in message[PAYLOAD:].reshape(-1, ROW):
             pair = [int(row[A]), int(row[ANCHOR_B])]
             if row[THERE] == 0.0 or pair[0] == pair[1] or min(pair) < 0 or max(pair) >= len(anchors):
-                continue  # of a log, which may say anything, as the tight filter does
+                continue  # a log may hold anything: such rows are left out, as in the tight filter
             noise = weighted(np.array([max(np.linalg.norm(sds[pair]), MIN_SD)]), self._settings.huber)
             both = tuple(Reach(sign, anchors[i], errors[i]) for sign, i in zip((-1.0, 1.0), pair, strict=True))
             packet, lever = (float(row[VALUE]), float(row[AGE])), np.array(self._settings.ranges.lever)
@@ -209,7 +209,7 @@ class FlightGraph:
                 )
 
     def _add_rows(self) -> None:
-        """Add the values of sensors beside uwb, camera and imu, as the onboard half made them of their messages."""
+        """Add the values of sensors beside uwb, camera and imu, as the onboard half computed them from the messages."""
         flight, measurement = self._recorded.flight, self._scenario.measurement
         for name in (s for s in measurement.sensors if s not in SENSORS and s in self._scenario.sensors):
             C, m = measurement.C_of(name), len(measurement.C_of(name))
@@ -221,14 +221,14 @@ class FlightGraph:
                 self.graph.add(rows_factor(*keys, self._w[at], y[k], C, Vs[k], self._settings.huber))
 
     def _stamped(self, name: str, k: int) -> int:
-        """Return the tick of the stamp of a sensor's message in tick k; k itself where no message has its name."""
+        """Return the tick of the stamp of a sensor's message in tick k; k if no message has the sensor's name."""
         message = self._recorded.messages[k].get(name)
         return k if message is None else min(max(round(message[STAMP] / self._h), 0), k)
 
     def solve(self) -> Smoothed:
         """Return [p_WB, rpy, v_WB, Euler rates] of each tick (n, 12), and their covariance (n, 12, 12).
 
-        Of the covariance position and angles are there, each tick's by itself; the rest is 0.
+        Only the covariance of position and angles is computed, for each tick separately; the rest is 0.
         """
         values = minimum(self.graph, self.values)
         marginals = eliminated(self.graph, values)
@@ -257,10 +257,10 @@ def graph_smoothed(recorded: RecordedFlight) -> Smoothed:
 def believed(scenario: Belief) -> TightFilter:
     """Return the noise models of the sensors, as settings of the tight filter.
 
-    Of a scenario that flies the paper's filter, or an estimator that declares which one it is, they are that filter's
-    V, walks and biases and what its multilateration believes of ranges; of boxes it says nothing, and the defaults
-    stand. So it is of another estimator, of which nothing else is known either. Neither gate nor horizon is read: late
-    messages count at their stamps.
+    If the scenario flies the paper's filter, or an estimator that declares this filter, the models are that filter's V,
+    walks and biases, and its multilateration's noise of ranges; it has none for boxes, so the defaults hold. For
+    another estimator, only the multilateration's noise is known. Gate and horizon are not read: late messages count at
+    their stamps.
     """
     if isinstance(scenario.estimator, TightFilter):
         return scenario.estimator
@@ -284,5 +284,5 @@ def believed(scenario: Belief) -> TightFilter:
 
 
 def _density(variances: tuple[float, float, float]) -> float:
-    """Return the density that three axes have on average, of the variances of a sample of the usual period."""
+    """Return the mean noise density of three axes, from the variances (3) of a sample of the usual period."""
     return float(np.sqrt(np.mean(variances))) * USUAL_ROOT

@@ -1,4 +1,4 @@
-"""The estimates of the filter that flew, beside those that hindsight makes of the same messages."""
+"""The estimates of the filter that flew, beside smoothed estimates from the same messages."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from ortilo_drake.studies.hindsight.rts import is_linear, smoothed
 from ortilo_drake.views.numbers import table
 
 FLOWN, RTS, GRAPH, FLOOR = "flown", "rts", "graph", "floor"
-EXTRA: Final = "smoother"  # brings gtsam
+EXTRA: Final = "smoother"  # the optional dependencies with gtsam
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Estimates of one flight beside the truth."""
+    """The errors of one flight's estimates."""
 
     mse: tuple[float, float, float]
     """mean squared error of the position per axis [m^2]."""
@@ -31,7 +31,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class FlightInHindsight:
-    """A flight."""
+    """The errors of all ways of estimating one flight."""
 
     seed: int
     """of all noise."""
@@ -43,7 +43,7 @@ class FlightInHindsight:
 
 @dataclass(frozen=True)
 class HindsightRow:
-    """One way of estimating, over all flights."""
+    """The errors of one way of estimating, over all flights."""
 
     way: str
     """FLOWN, RTS, GRAPH or FLOOR."""
@@ -57,7 +57,7 @@ class HindsightRow:
 
 @dataclass(frozen=True)
 class Hindsight:
-    """A study, as `ortilo hindsight --json` writes it."""
+    """The study that `ortilo hindsight --json` writes."""
 
     scenario: str
     """its name."""
@@ -74,7 +74,7 @@ class Hindsight:
 
 
 def judged(x: np.ndarray, P: np.ndarray, truth: np.ndarray) -> Judged:
-    """Return errors and NEES of estimated positions (n, 3) of covariance P (n, 3, 3) against true ones (n, 3)."""
+    """Return errors and NEES of estimated positions x (n, 3) with covariance P (n, 3, 3) against the truth (n, 3)."""
     e = x - truth
     nees = np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0])
     a, b, c = np.mean(e**2, axis=0).tolist()
@@ -82,7 +82,7 @@ def judged(x: np.ndarray, P: np.ndarray, truth: np.ndarray) -> Judged:
 
 
 def in_hindsight(recorded: RecordedFlight) -> FlightInHindsight:
-    """Return a flight as estimated by every smoother that can."""
+    """Return a flight's errors, by the filter that flew, by each smoother that applies, and by the floor."""
     flight = recorded.flight
     truth = flight["truth"].values[:, :3]
     flown = flight["estimate"].values[:, :3], flight["covariance"].values[:, :3, :3]
@@ -104,16 +104,16 @@ def in_hindsight(recorded: RecordedFlight) -> FlightInHindsight:
 
 
 def hindsight_of(scenario_json: str, seed: int) -> FlightInHindsight:
-    """Fly a seed and look back on it. Runs in a worker: the arguments are plain data."""
+    """Fly a seed and estimate it in hindsight. Runs in a worker process: the arguments are plain data."""
     return in_hindsight(fly_recorded(Scenario.model_validate_json(scenario_json), seed))
 
 
 def fly_in_hindsight(
     scenario: Scenario, seeds: Sequence[int], workers: int = 1, progress: Callable[[int], None] | None = None
 ) -> Hindsight:
-    """Fly seeds of a scenario, whose own is not used, and look back on each; InputError as flight.fly.
+    """Fly seeds of a scenario, ignoring its own seed, and estimate each in hindsight; InputError as flight.fly.
 
-    One worker flies in this process. `progress` is called with the number of flights that came in.
+    One worker flies in this process. `progress` is called with the number of flights just finished.
     """
     found: dict[int, FlightInHindsight] = {}
 
@@ -128,7 +128,7 @@ def fly_in_hindsight(
 
 
 def study_of(scenario: Scenario, flights: list[FlightInHindsight]) -> Hindsight:
-    """Return the study of flights of a scenario."""
+    """Return the study of a scenario's flights."""
     rows = []
     for way in (FLOWN, RTS, GRAPH, FLOOR):
         its = [flight.ways[way] for flight in flights if way in flight.ways]

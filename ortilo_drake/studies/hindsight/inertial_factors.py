@@ -1,8 +1,8 @@
 """The imu in the graph: its samples of each tick preintegrated by GTSAM, and its angles.
 
-A sample stamped s is of (s', s], s' the stamp before. GTSAM turns the specific force by the attitude at the step's
-beginning, the tight filter (onboard/estimator/tight/inertial.py) by that half way, which is what the sample is of; so
-each specific force is turned by half its step before, f' = exp([w dt / 2]x) f.
+A sample stamped s is the mean over (s', s], with s' the stamp before. GTSAM turns the specific force by the attitude at
+the step's beginning. The tight filter (onboard/estimator/tight/inertial.py) uses the attitude half way, to which the
+sample belongs. So each specific force is first turned by half its step, f' = exp([w dt / 2]x) f.
 
 Preintegration: Forster, Carlone, Dellaert and Scaramuzza, "On-manifold preintegration for real-time visual-inertial
 odometry", IEEE Trans. Robotics 33, 2017.
@@ -20,8 +20,8 @@ from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.scenario.tight import InertialNoise
 
-INTEGRATION_SD = 1e-5  # of a tick's position beside the samples' noise [m]: of one sample alone it would have none
-_CLOSE = 1e-9  # two stamps are the same within this [s]
+INTEGRATION_SD = 1e-5  # extra standard deviation of a tick's position [m]: with one sample it would have none
+_CLOSE = 1e-9  # two stamps are equal within this time [s]
 
 
 class Sample(NamedTuple):
@@ -51,7 +51,7 @@ class InertialTick(NamedTuple):
 
 
 def samples_of(messages: tuple[Signals, ...], imu: str, n: int) -> list[Sample]:
-    """Return the samples of all messages of that imu in the order of their stamps; n is how many come in a message."""
+    """Return the samples of all messages of the imu `imu`, in the order of their stamps; n: samples in a message."""
     rows: dict[float, np.ndarray] = {}
     for its in messages:
         if imu in its:
@@ -66,7 +66,7 @@ def samples_of(messages: tuple[Signals, ...], imu: str, n: int) -> list[Sample]:
 
 
 def _parameters(sds: np.ndarray, dt: float, h: float) -> gtsam.PreintegrationParams:
-    """Return GTSAM's parameters for samples of these standard deviations (rates, specific force), dt apart."""
+    """Return GTSAM's parameters for samples dt [s] apart with deviations sds (rates [rad/s], force [m/s^2])."""
     parameters = gtsam.PreintegrationParams.MakeSharedU(GRAVITY)
     parameters.setGyroscopeCovariance(sds[0] ** 2 * dt * np.eye(3))
     parameters.setAccelerometerCovariance(sds[1] ** 2 * dt * np.eye(3))
@@ -81,11 +81,11 @@ def _integrate(motion: gtsam.PreintegratedImuMeasurements, w: np.ndarray, f: np.
 def inertial_ticks(
     samples: list[Sample], n: int, h: float, per_tick: int, sds: tuple[float, float], settings: InertialNoise
 ) -> list[InertialTick | None]:
-    """Return the imu's measurement of each step that ends at ticks 1 to n - 1; that of tick 0 is None.
+    """Return the imu's measurement of each step that ends at ticks 1 to n - 1; None for tick 0.
 
-    A step whose end no sample reaches continues with the last one, with noise coasting_sd, as the tight filter does for
-    the rest of a tick. The samples, so many in a tick of h [s], come in the order of their stamps; the sds are those of
-    a sample's body rates [rad/s] and specific force [m/s^2].
+    If no sample reaches a step's end, the last sample holds, with noise coasting_sd, as in the tight filter. The
+    samples, `per_tick` in a tick of h [s], come in the order of their stamps; sds: standard deviations of a sample's
+    body rates [rad/s] and specific force [m/s^2].
     """
     known = _parameters(np.array(sds), h / per_tick, h)
     coasting = _parameters(np.array(settings.coasting_sd), h, h)
@@ -115,7 +115,7 @@ def inertial_ticks(
 
 
 def _mean_angles(samples: list[Sample], end: float) -> np.ndarray | None:
-    """Return the samples' angles at the tick's end (3), by the rates that followed each, their mean."""
+    """Return the mean of the samples' angles (3) [rad], each carried to the tick's end by the rates after it."""
     if not samples:
         return None
     turned, after, t = [], np.zeros(3), end

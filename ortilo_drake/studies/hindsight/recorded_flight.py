@@ -1,4 +1,4 @@
-"""A flight with all that reached its onboard half: flown here again, or read from a log."""
+"""A flight with all messages that reached its onboard half: flown here again, or read from a log."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,10 +33,7 @@ class RecordedFlight:
 
 
 class BoxFinder:
-    """The detector of a rendered camera, beside an onboard half that has one of its own.
-
-    It begins at the tick `start`.
-    """
+    """A detector of a rendered camera's pictures, apart from the onboard half's own; it begins at the tick `start`."""
 
     def __init__(self, scenario: Scenario, start: int = 0):
         self._h, self._detector = scenario.h, make_detector(scenario, scenario.load_room())
@@ -48,7 +45,7 @@ class BoxFinder:
         self._simulator.Initialize()
 
     def boxes(self, k: int, messages: Signals) -> np.ndarray:
-        """Return the detections message of tick k and look at its picture, if it has one; ticks come in order."""
+        """Return the detections message of tick k and take its picture in, if there is one; ticks come in order."""
         context = self._simulator.get_mutable_context()
         found = np.array(self._detector.get_output_port().Eval(context))
         shutter = messages.get("shutter", np.zeros(SHUTTER_SIZE))
@@ -77,9 +74,9 @@ def fly_recorded(scenario: Scenario, seed: int) -> RecordedFlight:
 
 
 def read_recorded(log: Path) -> RecordedFlight:
-    """Return the flight of a log that `ortilo fly --log` wrote, or an onboard half that was told the truth.
+    """Return the flight of a log by `ortilo fly --log`, or by an onboard half that received the truth.
 
-    InputError if there is no such log, it holds what a world sent and not what was taken, or no true states.
+    InputError if there is no such log, or it holds a world's sent messages instead of received ones, or no true states.
     """
     if holds_what_was_sent(log):
         raise InputError(f"{log}: holds what a world sent in real time, not what the onboard half took and when")

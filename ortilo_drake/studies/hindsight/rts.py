@@ -1,7 +1,7 @@
-"""The fixed-interval smoother of the paper's filter, with whatever further states it carries.
+"""The fixed-interval smoother of the paper's filter, with all further states of the filter.
 
-Forward it is the filter itself, by the step that flew (onboard/estimator/filter_loops.py), of [x; e] without the
-integral, which is a known quantity; of each of its predictions follow
+The forward pass is the filter itself, by the step that flew (onboard/estimator/filter_loops.py), on [x; e] without the
+integral, which is a known quantity. Each of its predictions gives
 
     S_k = H P_k H^T + V2,  L_k = Phi (I - P_k H^T S_k^-1 H),  e_k = y_k - H xhat_{k|k-1}
 
@@ -10,11 +10,11 @@ Backward, from r = 0 and N = 0 after the last tick,
     r <- H^T S_k^-1 e_k + L_k^T r,   xhat_{k|n} = xhat_{k|k-1} + P_k r
     N <- H^T S_k^-1 H + L_k^T N L_k,  P_{k|n} = P_k - P_k N P_k
 
-This is what Rauch, Tung and Striebel (AIAA Journal 3, 1965) compute, in the form of Bryson and Frazier (1963) and de
+This is the smoother of Rauch, Tung and Striebel (AIAA Journal 3, 1965) in the form of Bryson and Frazier (1963) and de
 Jong (J. American Statistical Association 84, 1989). RTS inverts P_{k+1|k}, which is singular here: W has rank 6, and
-states may begin without variance. This form inverts nothing but S_k.
+states may begin without variance. This form inverts only S_k.
 
-The tilted lift (intermittent_filter.tilted_lift) is a known input, as for the filter, which adds it.
+The tilted lift (intermittent_filter.tilted_lift) is a known input, which the filter adds.
 """
 
 from typing import NamedTuple
@@ -35,7 +35,7 @@ from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
 
 
 class Tick(NamedTuple):
-    """The signals that a linear filter took in a tick."""
+    """The signals that a linear filter took in at a tick."""
 
     y: np.ndarray
     """values (p)."""
@@ -80,7 +80,7 @@ def run_forward(
 ) -> Forward:
     """Run the filter's recursion over ticks, from the first estimate x_0 of [x; e] (N) and its covariance P_0 (N, N).
 
-    The model is what it believes of the vehicle, whose integrator is not used; the measurement is over [x; e].
+    model: the filter's model of the vehicle, whose integrator is not used; measurement: the rows over [x; e].
     """
     n, N = len(ticks), len(x_0)
     found = Forward(
@@ -99,7 +99,7 @@ def run_forward(
 
 
 def smooth(found: Forward) -> Smoothed:
-    """Return every estimate by all measurements of a run."""
+    """Return the smoothed estimates of a run, each by all measurements."""
     (x, P), out = found.prior, Smoothed(np.empty_like(found.prior.x), np.empty_like(found.prior.P))
     r, N = np.zeros(x.shape[1]), np.zeros(P.shape[1:])
     for k in range(len(x) - 1, -1, -1):
@@ -111,10 +111,10 @@ def smooth(found: Forward) -> Smoothed:
 
 
 def is_linear(scenario: Scenario) -> bool:
-    """Return whether the run of the scenario's filter can be smoothed here: it is linear, and never runs again.
+    """Return whether a run of the scenario's filter can be smoothed here: the filter is linear, and never runs again.
 
     A filter that learns the anchors' survey is not linear: the learned survey changes its fixes. A learned scale of the
-    ranges' noise changes their V alone, and a log has the V of each.
+    ranges' noise changes only the V of the fixes, and a log has the V of each fix.
     """
     settings, learns = scenario.estimator, scenario.multilateration.bias_bank is not None
     return isinstance(settings, IntermittentFilter) and settings.delay != "replay" and not learns
@@ -125,7 +125,7 @@ def linear_problem(
 ) -> tuple[FilterModel, Measurement, np.ndarray, np.ndarray, list[Tick]]:
     """Return the model, the measurement, first estimate, its covariance, and the ticks of a flight by a linear filter.
 
-    The measurements are those that its filter took: fixes as they were made and gated in flight.
+    The values are those that the filter took in: fixes as they were made and gated in flight.
     """
     scenario, flight = recorded.scenario, recorded.flight
     belief = scenario.belief
@@ -149,7 +149,7 @@ def linear_problem(
 
 
 def _one_sample(message: np.ndarray | None, n: int) -> np.ndarray:
-    """Return an imu message of one sample: the mean of a tick's n, as onboard/sample_mean.py makes it."""
+    """Return an imu message of one sample: the mean of a tick's n samples, as in onboard/sample_mean.py."""
     if message is None:
         return np.zeros(IMU_SIZE)
     if n == 1:
@@ -160,5 +160,5 @@ def _one_sample(message: np.ndarray | None, n: int) -> np.ndarray:
 
 
 def smoothed(recorded: RecordedFlight) -> Smoothed:
-    """Return the smoothed estimates of a flight whose filter is linear, see is_linear."""
+    """Return the smoothed estimates of a flight with a linear filter, see is_linear."""
     return smooth(run_forward(*linear_problem(recorded)))

@@ -1,16 +1,16 @@
 """Levenberg and Marquardt's method on a factor graph.
 
-GTSAM's own optimizers (4.3.0) hand each factor that is written in Python a copy of all values, which on a flight takes
-thirty times as long as all else. What they are made of, linearising and eliminating the whole graph, does not.
+GTSAM's own optimizers (4.3.0) pass a copy of all values to each factor written in Python, which takes thirty times as
+long on a flight as all else. Their parts, linearising and eliminating the whole graph, do not.
 
-Eliminated is by QR: GTSAM's Cholesky gives up where two variables of a front are known four thousand times as well the
-one as the other, which a bias known beforehand and a slow error are.
+The elimination is by QR. GTSAM's Cholesky fails where one variable of a front is known four thousand times as well as
+another, as with a bias known beforehand and a slow error.
 """
 
 import gtsam
 import numpy as np
 
-_FIRST, _FACTOR, _LARGEST = 1e-5, 10.0, 1e5  # the damping, as GTSAM's defaults are
+_FIRST, _FACTOR, _LARGEST = 1e-5, 10.0, 1e5  # damping: first value, factor and largest value, as GTSAM's defaults
 
 
 def minimum(
@@ -18,8 +18,8 @@ def minimum(
 ) -> gtsam.Values:
     """Return values at a minimum of half the graph's sum of weighted squares.
 
-    The method begins at the values, which are not changed. It ends with a step that changes the sum by no more than the
-    relative share, or after so many iterations.
+    The method begins at `values`, which are not changed. It ends with a step that changes the sum by at most the share
+    `relative`, or after `iterations`.
     """
     order = gtsam.Ordering.MetisNonlinearFactorGraph(graph)
     error, damping = graph.error(values), _FIRST
@@ -33,7 +33,7 @@ def minimum(
             if new <= error or done:
                 break
             damping *= _FACTOR
-            if damping > _LARGEST:  # no step, however short, leads down from here
+            if damping > _LARGEST:  # no step, however short, lowers the sum
                 return values
         if new <= error:
             values, error = tried, new
@@ -44,13 +44,13 @@ def minimum(
 
 
 def eliminated(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.GaussianBayesTree:
-    """Return a graph linearised at values and eliminated, which gives marginal covariances."""
+    """Return the graph linearised at values and eliminated, which gives marginal covariances."""
     order = gtsam.Ordering.MetisNonlinearFactorGraph(graph)
     return graph.linearize(values).eliminateMultifrontal(order, gtsam.EliminateQR)
 
 
 def _damped(linear: gtsam.GaussianFactorGraph, values: gtsam.Values, damping: float) -> gtsam.GaussianFactorGraph:
-    """Return a linear graph with factors that pull each number of a step to 0."""
+    """Return a linear graph with added damping factors, which pull each number of a step to 0."""
     damped, root = gtsam.GaussianFactorGraph(), float(np.sqrt(damping))
     damped.push_back(linear)
     for key, m in values.dims().items():
