@@ -1,1 +1,1 @@
-"""The tube about the planned path, and the corridor that it must stay in."""
+"""The tube about the planned path, and the corridor in which the tube must stay."""

@@ -1,4 +1,4 @@
-"""The corridor: the distance by which the vehicle may leave its planned path, and whether a tube stays inside.
+"""The corridor: the distance by which the vehicle may leave its planned path, and whether a tube stays inside it.
 
 A flight is lost when the vehicle's outline touches a wall or its centre leaves the room (flight/lost.py). The corridor
 about r_k is therefore a horizontal disc. Its radius is the distance to the nearest wall less the vehicle's radius, or
@@ -16,10 +16,10 @@ from ortilo_drake.studies.tube.tube import Tube
 
 
 class Corridor(NamedTuple):
-    """Free distances about every point of a path, horizontal and vertical [m] (n).
+    """The free distances about every point of a path, horizontal and vertical [m] (n).
 
-    The radius is not above 0 where the vehicle touches a wall. Nearest is what bounds it: the wall's index in
-    Room.walls, or -1, the room's bounds (n).
+    The radius is 0 or less where the vehicle touches a wall. nearest: the index in Room.walls of the wall that bounds
+    the radius, or -1 for the room's bounds (n).
     """
 
     radius: np.ndarray
@@ -28,10 +28,10 @@ class Corridor(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """By how much a tube stays inside its corridor where that is least, horizontal and vertical [m].
+    """The least distances by which a tube stays inside its corridor, horizontal and vertical [m].
 
-    It is negative where the tube reaches a wall. The tick and place, r [m] (3), are where the horizontal margin is
-    least, nearest is what it is least to, as in Corridor.
+    A margin is negative if the tube reaches a wall. tick, place: tick and r [m] (3) at the least horizontal margin;
+    nearest: the wall or bounds there, as in Corridor.
     """
 
     horizontal: float
@@ -42,12 +42,12 @@ class Margin(NamedTuple):
 
     @property
     def least(self) -> float:
-        """The smaller of the two [m]."""
+        """The smaller of the two margins [m]."""
         return min(self.horizontal, self.vertical)
 
 
 def corridor(room: Room, vehicle: Vehicle, path: np.ndarray) -> Corridor:
-    """Return the corridor about a path p_W (n, 3). Walls that end below the path count as well: a tube has height."""
+    """Return the corridor about a path p_W (n, 3). Walls that end below the path count too: a tube has height."""
     walls = [f for f in footprints(room) if f.name == "wall"]
     low = np.array([f.low for f in walls]).reshape(-1, 2)
     high = np.array([f.high for f in walls]).reshape(-1, 2)

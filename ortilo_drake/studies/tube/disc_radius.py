@@ -15,10 +15,10 @@ import numpy as np
 
 from ortilo_drake.compiled.cached import cached_njit
 
-THREE_SIGMA = math.erfc(3.0 / math.sqrt(2.0))  # 0.27 %, what one dimension leaves outside 3 sigma
+THREE_SIGMA = math.erfc(3.0 / math.sqrt(2.0))  # 0.27 %, the probability outside 3 sigma in one dimension
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
-_REACH = 9.0  # standard deviations beyond which a density is nothing
-_LEAST = 1e-300  # so that Q has a logarithm
+_REACH = 9.0  # standard deviations beyond which a density counts as 0
+_LEAST = 1e-300  # least Q, so that Q has a logarithm
 
 
 @cached_njit
@@ -50,8 +50,8 @@ def outside_disc(R: float, m: np.ndarray, s: np.ndarray) -> float:
 def _radius(m: np.ndarray, s: np.ndarray, outside: float) -> float:
     """Return R with Q(R) = outside.
 
-    The logarithm of Q is nearly linear in R^2: false position in R^2, with Illinois' halving of the end that stays
-    (M. Dowell and P. Jarratt, BIT, 1971), until R^2 changes by less than a part in 1e10.
+    The logarithm of Q is nearly linear in R^2. So the method is false position in R^2, with Illinois' halving of the
+    end that stays (M. Dowell and P. Jarratt, BIT, 1971), until R^2 changes by less than a part in 1e10.
     """
     if s[0] == 0.0:
         return float(np.sqrt(m[0] ** 2 + m[1] ** 2))
@@ -77,7 +77,7 @@ def _radius(m: np.ndarray, s: np.ndarray, outside: float) -> float:
 
 @cached_njit
 def principal(m: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a mean (2) turned into the principal axes of C (2 x 2), and the standard deviations there, s_1 >= s_2."""
+    """Return a mean (2) in the principal axes of C (2 x 2), and the standard deviations along them, s_1 >= s_2 (2)."""
     a, b, c = C[0, 0], C[0, 1], C[1, 1]
     angle = 0.5 * math.atan2(2.0 * b, a - c)
     cos, sin = math.cos(angle), math.sin(angle)
@@ -90,7 +90,7 @@ def principal(m: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def disc_radii(means: np.ndarray, covariances: np.ndarray, outside: float) -> np.ndarray:
     """Return the radius R_k (n) of the disc about 0 that N(m_k, C_k) leaves with the probability `outside`, in (0, 1).
 
-    The means are m_k (n, 2), the covariances C_k (n, 2, 2) symmetric and not negative.
+    means: m_k (n, 2); covariances: C_k (n, 2, 2), symmetric and positive semidefinite.
     """
     radii = np.empty(means.shape[0])
     for k in range(means.shape[0]):
@@ -101,12 +101,12 @@ def disc_radii(means: np.ndarray, covariances: np.ndarray, outside: float) -> np
 
 @cached_njit(nogil=True)
 def least_margin(corridor: np.ndarray, means: np.ndarray, covariances: np.ndarray, outside: float) -> float:
-    """Return the least of corridor_k - R_k, R of disc_radii, finding R_k only where it may be the least.
+    """Return the least of corridor_k - R_k, with R_k of disc_radii, computing R_k only where the margin may be least.
 
-    Since |z - m| > x has a probability of at most exp(-x^2 / (2 s_1^2)), R <= |m| + s_1 sqrt(-2 ln outside). And R_k
-    leaves no less than the margin found so far, b, where Q(corridor_k - b) <= outside.
+    |z - m| > x has a probability of at most exp(-x^2 / (2 s_1^2)), so R <= |m| + s_1 sqrt(-2 ln outside). The margin at
+    k is no less than b, the least margin so far, if Q(corridor_k - b) <= outside.
 
-    Arguments as disc_radii, and corridor (n).
+    Arguments as in `disc_radii`, and the corridor's radius (n).
     """
     n, reach = corridor.shape[0], math.sqrt(-2.0 * math.log(outside))
     m, s, at_least = np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
@@ -125,7 +125,7 @@ def least_margin(corridor: np.ndarray, means: np.ndarray, covariances: np.ndarra
 
 @cached_njit(nogil=True)
 def outside_discs(radii: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-    """Return the probability (n) with which N(m_k, C_k) leaves the disc of R_k > 0 about 0. Arguments as disc_radii."""
+    """Return the probability (n) that N(m_k, C_k) leaves the disc of radius R_k > 0 about 0; see disc_radii."""
     outside = np.empty(radii.shape[0])
     for k in range(radii.shape[0]):
         m, s = principal(means[k], covariances[k])

@@ -1,6 +1,6 @@
 """The nominal flight, as it is planned, and the tube about it: where the linear theory expects the vehicle.
 
-The equations, and what is approximate in them, are in tube_recursion.py; the radius is in disc_radius.py.
+tube_recursion.py has the equations and their approximations, disc_radius.py has the radius.
 """
 
 import math
@@ -30,8 +30,8 @@ from ortilo_drake.studies.tube.tube_recursion import propagate
 class NominalFlight(NamedTuple):
     """A flight as it is planned, at every tick t_k [s] (n): the reference position r [m] (n, 3).
 
-    The servo aims at the state x_ref, 0 in the paper's form (n, 12), and feeds u_ff forward, less hover (n, 4). V has
-    the covariances of what arrives in a tick, of each sensor in the corner of an M x M block (n, s, M, M); there says
+    x_ref: the state that the servo aims at, 0 in the paper's form (n, 12); u_ff: the feedforward less hover (n, 4); V:
+    the covariances of the sensors' values at each tick, each in the corner of an M x M block (n, s, M, M); there:
     whether a message of each sensor can arrive, if none is lost at random (n, s).
     """
 
@@ -44,7 +44,7 @@ class NominalFlight(NamedTuple):
 
 
 def delay_of(scenario: Scenario, sensor: str) -> int:
-    """Return the delay of a sensor's messages [ticks]; InputError if that is random."""
+    """Return the delay of a sensor's messages [ticks]; InputError if the delay is random."""
     link = scenario.link_of(sensor)
     if link.random_delay and sensor in scenario.sensors:
         raise InputError(f"{sensor}.link.random_delay: {link.random_delay}: must be 0 where the tube is predicted")
@@ -54,8 +54,8 @@ def delay_of(scenario: Scenario, sensor: str) -> int:
 def aim(scenario: Scenario, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return x_ref (n, 12) and u_ff (n, 4) for references r, r_dot, r_ddot (n, 9), by the servo's own law.
 
-    With L = 0 the law returns m g and u_ff; with unit rows for L, it returns x_ref row by row. A registered
-    servo's law is unknown: it is taken to aim as the LQ servo's form 'error' does, at the planned acceleration's tilt.
+    With L = 0 the law returns m g and u_ff; with unit rows for L, it returns x_ref row by row. A registered servo's law
+    is unknown; it is assumed to aim at the planned acceleration's tilt, like the LQ servo's form 'error'.
     """
     vehicle, yaw = scenario.vehicle, scenario.yaw
     error_form = getattr(scenario.servo, "form", "error") == "error"
@@ -82,10 +82,10 @@ def planned_reference(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=4)
 def nominal_flight(scenario: Scenario) -> NominalFlight:
-    """Return the nominal flight of a scenario: its path, and where along it a message of each sensor can arrive.
+    """Return the nominal flight of a scenario: its path, and where along the path each sensor's messages can arrive.
 
-    A message sent at tick k arrives late by its constant delay, with the covariance of the place where it was taken.
-    InputError if there is no path, or messages are late at random.
+    A message sent at tick k arrives after its constant delay, with the covariance at the place where it was measured.
+    InputError if there is no path, or if delays are random.
     """
     time, reference = planned_reference(scenario)
     n = len(time)
@@ -104,7 +104,7 @@ def nominal_flight(scenario: Scenario) -> NominalFlight:
     return NominalFlight(time, np.ascontiguousarray(reference[:, :3]), x_ref, u_ff, V, there)
 
 
-AT_ONCE = 50  # cases side by side; more do not fit into a processor's nearer memory
+AT_ONCE = 50  # cases side by side; more do not fit into a processor's cache
 
 
 class Tube(NamedTuple):
@@ -132,8 +132,8 @@ def tube_height(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def predict_tube(scenario: Scenario, nominal: NominalFlight | None = None) -> Tube:
     """Return the tube that the linear theory predicts for a scenario.
 
-    Its nominal flight, if at hand, depends on all but the losses and the servo's gains. InputError where the theory has
-    no answer (a servo fed true velocities, messages late at random), or there is no path or no gain.
+    The nominal flight may be given; it depends on all settings but the losses and the servo's gains. InputError if the
+    theory has no answer (a servo fed true velocities, random delays), or if there is no path or no gain.
     """
     nominal = nominal_flight(scenario) if nominal is None else nominal
     mean, covariance, X = (part[0] for part in deviations(scenario, nominal, losses_of(scenario)[None]))
@@ -142,7 +142,7 @@ def predict_tube(scenario: Scenario, nominal: NominalFlight | None = None) -> Tu
 
 
 def losses_of(scenario: Scenario) -> np.ndarray:
-    """Return the parameters of the losses on the links of the sensors (s, 4), see loss_parameters."""
+    """Return the loss parameters of the sensors' links (s, 4), see loss_parameters."""
     return np.array([loss_parameters(scenario.link_of(s).loss, scenario.h) for s in scenario.measurement.sensors])
 
 
@@ -151,12 +151,11 @@ def deviations(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return mean (B, n, 3) and covariance (B, n, 3, 3) of the position's deviation from r_k, and X of the position.
 
-    Where nothing is lost at random, so that the arrivals are those that are there, X is the filter's own P_k. Cases go
-    through the recursion side by side, and some of them on each of the machine's cores.
+    If no message is lost at random, the arrivals are known, and X is the filter's own P_k. The cases go through the
+    recursion side by side, spread over the machine's cores.
 
-    The losses are of the links in each case (B, s, 4), see losses_of, in place of the scenario's own; `there` says
-    whether a message can arrive in each case (B, n, s), by default as in the nominal flight. InputError as
-    predict_tube.
+    losses: of the links in each case (B, s, 4), see losses_of, in place of the scenario's own; there: whether a message
+    can arrive in each case (B, n, s), by default as in the nominal flight. InputError as in `predict_tube`.
     """
     if scenario.lends_velocities:
         raise InputError("servo.velocities: 'truth': the tube is that of a servo fed by the filter, give 'estimate'")
@@ -172,7 +171,7 @@ def deviations(
     there = np.broadcast_to(nominal.there, (len(losses), *nominal.there.shape)) if there is None else there
 
     def some(cases: slice) -> tuple[np.ndarray, ...]:
-        # Copies, never read-only: numba would compile the recursion once more for arrays that cannot be written.
+        # Writable copies: numba would compile the recursion once more for read-only arrays.
         arrives, loss = (np.array(np.moveaxis(part[cases], 0, -1), order="C") for part in (there, losses))
         found = propagate(
             loop.Phi, loop.Gamma, loop.L, loop.W, nominal.V, arrives, loss, X_0, d, nominal.r, r_servo,
@@ -180,7 +179,7 @@ def deviations(
         )  # fmt: skip
         return tuple(np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in found)
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:  # the recursion runs without the interpreter's lock
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # the recursion releases the interpreter's lock (GIL)
         ends = np.linspace(0, len(losses), math.ceil(len(losses) / AT_ONCE) + 1).astype(int)
         parts = list(threads.map(some, map(slice, ends[:-1], ends[1:])))
     means, covariances, X = (np.concatenate(part) for part in zip(*parts, strict=True))

@@ -1,4 +1,4 @@
-"""Figures of the tube: its margins over arrival rates and bursts, the flights that checked them, and in the room."""
+"""Figures of the tube: its margins over arrival rates and bursts, the flights that checked them, and plans."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,11 +28,11 @@ from ortilo_drake.views.themes import for_slides
 INSIDE: Final = "#9fd0f0"
 OUTSIDE: Final = "#f3b78f"
 LEVELS: Final = np.array([-2.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5])  # of margins [m]
-_EVERY = 3  # ticks from one drawn disc to the next
+_EVERY = 3  # ticks between drawn discs
 
 
 def draw_tube(axes: Axes, tube: Tube, about: Corridor) -> None:
-    """Draw the tube's discs along the plan from above [m]: blue within the corridor, orange where they leave it."""
+    """Draw the tube's discs along the plan from above [m]: blue within the corridor, orange beyond it."""
     outside = tube.radius > about.radius
     axes.plot(*tube.r[:, :2].T, color=PLANNED, ls="--", lw=1.0, label="planned")
     for part, color, label in ((~outside, INSIDE, "tube in the corridor"), (outside, OUTSIDE, "tube beyond it")):
@@ -62,12 +62,12 @@ def draw_deviations(axes: Axes, tube: Tube, about: Corridor, flights: Sequence[F
 
 
 def fill_margins(axes: Axes, margins: MarginMap) -> QuadContourSet:
-    """Fill the margins [m] over (a, b) and draw where they are 0; return what a colour bar shows.
+    """Fill the margins [m] over (a, b), draw the curve where they are 0, and return the filled set for a colour bar.
 
-    Dotted is where they are 0 up to the last measurement of the second sensor.
+    The dotted curve is 0 for the margins up to the last measurement of the second sensor.
     """
     norm = TwoSlopeNorm(0.0, LEVELS[0], LEVELS[-1])
-    # Purple to orange through white: told apart by everyone.
+    # Purple to orange through white: colour-blind readers can tell them apart.
     filled = axes.contourf(
         margins.a, margins.b, margins.whole.T, levels=LEVELS, cmap="PuOr_r", norm=norm, extend="both", alpha=0.85
     )
@@ -78,7 +78,7 @@ def fill_margins(axes: Axes, margins: MarginMap) -> QuadContourSet:
 
 _STYLE: Any = {"font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "figure.dpi": 130}
 _NO_LINK = "0.9"
-_MANY = 20  # flights, below which their share in the tube says little
+_MANY = 20  # fewer flights tell little about their share in the tube
 _NONE = 3e-3  # where a rate of 0 is drawn on a logarithmic axis
 
 
@@ -91,7 +91,7 @@ class ChanceGrid(NamedTuple):
 
 
 def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> list[Line2D]:
-    """Mark the points that were flown, those below ``floor`` at it; return what the legend says of the marks."""
+    """Mark the points that were flown, points below `floor` at `floor`; return the legend's entries for the marks."""
     for r in results:
         at = max(r.at[0], floor), max(r.at[1], floor)
         marker, size, color = ("o", 9, GREEN) if r.holds else ("X", 11, ORANGE)
@@ -128,7 +128,7 @@ def _draw_map(
     figure: Figure, axes: Axes, second: str, margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult],
     floor: float,
 ) -> None:  # fmt: skip
-    """Fill the margins over (a, b), draw the boundaries and the points flown, and say below what they are."""
+    """Fill the margins over (a, b), draw the boundaries and the points flown, and add a legend."""
     bar = figure.colorbar(fill_margins(axes, margins), ax=axes, pad=0.02)
     bar.set_label("smallest margin: corridor radius minus tube radius [m]")
     log, level = np.log10(np.maximum(chance.chance.T, 1e-12)), [np.log10(THREE_SIGMA)]
@@ -146,7 +146,7 @@ def _draw_map(
 def rates_figure(
     sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult], path: Path
 ) -> Path:
-    """Draw the margins over the arrival rates of two map_sensors, the mixture's boundary, and the pairs flown.
+    """Draw the margins over the arrival rates of the map_sensors, the mixture's boundary, and the pairs flown.
 
     A rate of 0 is drawn at the axis.
     """
@@ -167,7 +167,7 @@ def rates_figure(
 def bursts_figure(
     sensors: tuple[str, str], margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult], path: Path
 ) -> Path:
-    """Draw the margins over the arrival rate of both sensors and the mean length of bursts, as rates_figure."""
+    """Draw the margins over the arrival rate of both sensors and the mean length of bursts, like rates_figure."""
     with figure_to(path, (8.0, 5.8), _STYLE) as figure:
         axes, (first, second) = figure.add_subplot(), _names(sensors)
         axes.set_facecolor(_NO_LINK)
@@ -189,7 +189,7 @@ def bursts_figure(
 
 
 def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point, Sequence[Flown]], path: Path) -> Path:
-    """Draw the room from above with the tube along the path and the flights on it, one plan for each pair of rates."""
+    """Draw the room from above with the tube along the path and the flights, one plan for each pair of rates."""
     names = _names(map_sensors(scenario))
     with figure_to(path, (9.5, 3.6 * len(flights)), _STYLE) as figure:
         for row, (pair, flown) in enumerate(flights.items()):

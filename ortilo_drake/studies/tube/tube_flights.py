@@ -1,8 +1,8 @@
 """Flights of the nonlinear diagram against the predicted tube.
 
 A point of a map is a pair of arrival rates of two sensors, such as uwb and camera, or an arrival rate and a mean burst
-of both links. The diagram is flown at each point with the same seeds. Two numbers are compared, over all flights of a
-point and all their ticks up to the end or the loss:
+of both links. The same seeds are flown at each point. Two numbers are compared, over all flights of a point and all
+their ticks up to the end or the loss:
 
     contained   the share of ticks whose horizontal deviation from r_k is within the predicted radius R_k;
     lost        the number of lost flights, and whether the tube's margin says that none should be. The ticks after a
@@ -46,16 +46,16 @@ PAIRS: tuple[Point, ...] = (
     (0.1, 0.0), (0.06, 0.3), (0.05, 1.0), (0.05, 0.05), (0.03, 1.0), (0.03, 0.1), (0.03, 0.03),
     (0.02, 0.3), (0.02, 0.02), (0.01, 1.0), (0.01, 0.05), (0.005, 0.3),
 )  # fmt: skip
-# Arrival rates and mean bursts [s] of both links, likewise.
+# Arrival rates and mean bursts [s] of both links, chosen in the same way.
 BURSTS: tuple[Point, ...] = ((0.3, 0.5), (0.3, 2.0), (0.6, 1.0), (0.6, 3.0), (0.9, 2.0), (0.9, 8.0))
-SHARE = 0.99
-STRETCHES = 8
+SHARE = 0.99  # least share of ticks in the tube for a prediction to hold
+STRETCHES = 8  # equal parts of the path, of which the worst is told
 COMPILED_AT_ONCE = 16  # flights in one job of a worker
-OTHER_SEEDS = tuple(range(1001, 1041))  # arrivals that the mixture's radius is drawn from
+OTHER_SEEDS = tuple(range(1001, 1041))  # seeds of the arrivals for the mixture's radius
 
 
 class Flown(NamedTuple):
-    """The deviation of a seed's flight, true position less r_k [m] (n, 3), up to when it was lost [s], None if not."""
+    """A seed's flight: true position less r_k [m] (n, 3) up to its loss, and the loss's time [s], None without one."""
 
     seed: int
     deviation: np.ndarray
@@ -64,7 +64,7 @@ class Flown(NamedTuple):
 
 @dataclass(frozen=True)
 class PointResult:
-    """A point of a map: the theory's prediction, and the flights. Lengths in m."""
+    """A point of a map: the theory's prediction, and the flights' result. Lengths in m."""
 
     at: Point
     """arrival rates of the two sensors, or of both and the mean burst [s]."""
@@ -107,7 +107,7 @@ def _flown(seed: int, trace: np.ndarray, lost: Loss | Lost | None) -> Flown:
 
 
 def at_burst(scenario: Scenario, point: Point) -> Scenario:
-    """Return the scenario with this arrival rate and mean burst [s] on both links; InputError if there is no such."""
+    """Return the scenario with this arrival rate and mean burst [s] on both links; InputError if no chain has them."""
     loss = bursts(*point, scenario.h)
     if loss is None:
         raise InputError(f"burst: {point[1]:g} s: too short for an arrival rate of {point[0]:g}")
@@ -115,16 +115,16 @@ def at_burst(scenario: Scenario, point: Point) -> Scenario:
 
 
 def fly_compiled(scenario_json: str, seeds: list[int], folder: str) -> list[Flown]:
-    """Return flights of the engine. Runs in a worker: the arguments are plain data."""
+    """Return flights by the engine. Runs in a worker process: the arguments are plain data."""
     engine = kept_player(scenario_json, folder)
     return [_flown(seed, *traced(engine, seed)) for seed in seeds]
 
 
 def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1) -> list[Flown]:
-    """Return the flights of a point; errors as fly_many.
+    """Return the flights of a point; errors as in `fly_many`.
 
-    The engine flies what it can, in less time than a flight that is kept takes to read: it keeps none. Drake's are kept
-    in the folder, and flown as far as they are not there already.
+    The engine flies the scenario if it can, and keeps no flight: reading a kept one would take longer. Otherwise Drake
+    flies; its flights are kept in the folder, and those already there are not flown again.
     """
     seeds = list(seeds)
     if why_not(lossy) is None:
@@ -140,9 +140,9 @@ def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1
 def judge_point(
     lossy: Scenario, at: Point, flights: Sequence[Flown], nominal: NominalFlight, others: Sequence[int] = OTHER_SEEDS
 ) -> PointResult:
-    """Return the flights of a point, of the scenario that was flown, beside the tube that is predicted for it.
+    """Return the comparison of a point's flights with the tube predicted for `lossy`, the scenario that was flown.
 
-    The arrivals that the mixture's radius is drawn from are of other seeds, none of them flown.
+    The mixture's radius comes from the arrivals of `others`, seeds of which none was flown.
     """
     tube = predict_tube(lossy, nominal)
     about = corridor(lossy.load_room(), lossy.vehicle, nominal.r)
@@ -173,7 +173,7 @@ def judge_point(
 
 
 def within(flight: Flown, radius: np.ndarray) -> np.ndarray:
-    """Return at which ticks of a flight its horizontal deviation is within the radius (n)."""
+    """Return the mask of a flight's ticks at which the horizontal deviation is within the radius (n)."""
     return np.hypot(flight.deviation[:, 0], flight.deviation[:, 1]) <= radius[: len(flight.deviation)]
 
 
@@ -185,7 +185,7 @@ def worst_stretch(inside: Sequence[np.ndarray], ticks: int) -> float:
 
 
 def interval(inside: Sequence[np.ndarray], draws: int = 2000) -> tuple[float, float]:
-    """Return the 95 % interval of the share of ticks inside, whole flights drawn anew (percentile bootstrap)."""
+    """Return the 95 % interval of the share of ticks inside, by a percentile bootstrap over whole flights."""
     hits, ticks = np.array([ok.sum() for ok in inside]), np.array([ok.size for ok in inside])
     chosen = np.random.default_rng(0).integers(len(inside), size=(draws, len(inside)))
     low, high = np.quantile(hits[chosen].sum(axis=1) / ticks[chosen].sum(axis=1), [0.025, 0.975])

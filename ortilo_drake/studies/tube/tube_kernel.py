@@ -1,6 +1,6 @@
 """Compiled matrix operations for many cases side by side, used in each tick of the tube's recursion.
 
-Arrays end in an axis of B cases, so that the innermost loop runs over memory that lies together.
+The last axis of the arrays has B cases, so that the innermost loop runs over contiguous memory.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from ortilo_drake.model.measurement import Layout
 
 @register_jitable
 def copy(M: np.ndarray, out: np.ndarray) -> None:
-    """Write M to out, both of the same shape and contiguous."""
+    """Copy M to out; both have the same shape and are contiguous."""
     x, y = M.reshape(-1), out.reshape(-1)
     for j in range(x.shape[0]):
         y[j] = x[j]
@@ -23,8 +23,8 @@ def sandwich(
 ) -> None:
     """Write A M to AM, its transpose to MA and A M A^T, exactly symmetric, to out (n, n, B each), A = I + D.
 
-    D (n, n) is the same in all cases, rows and columns are those of its entries that are not zero, rows ascending; M is
-    symmetric.
+    D (n, n) is the same in all cases; rows, columns: indices of D's entries that are not zero, rows ascending; M is
+    symmetric (n, n, B).
     """
     add_product(D, rows, columns, M, AM, False)
     for i in range(M.shape[0]):
@@ -42,13 +42,13 @@ def sandwich(
 def add_product(
     D: np.ndarray, rows: np.ndarray, columns: np.ndarray, M: np.ndarray, out: np.ndarray, upper: bool
 ) -> None:
-    """Write M + D M, or its upper half, to out (n, n, B), or all of it to out (n, B). Arguments as in sandwich."""
+    """Write M + D M to out (n, n, B), only its upper half if `upper`, or to out (n, B). Arguments as in sandwich."""
     e = 0
     for i in range(M.shape[0]):
         first = i if upper else 0
         y = out[i, first:].reshape(-1)
         copy(M[i, first:], y)
-        while e < rows.shape[0] and rows[e] == i:  # two entries at a time, in long loops that become wide instructions
+        while e < rows.shape[0] and rows[e] == i:  # two entries at a time, in long loops that become SIMD instructions
             x, a = M[columns[e], first:].reshape(-1), D[i, columns[e]]
             if e + 1 < rows.shape[0] and rows[e + 1] == i:
                 z, b = M[columns[e + 1], first:].reshape(-1), D[i, columns[e + 1]]
@@ -63,7 +63,7 @@ def add_product(
 
 @register_jitable
 def transitions(loss: np.ndarray) -> np.ndarray:
-    """Return pi (2^s, 2^s, B) of the chains together; bit q of a mode: that of sensor q is bad. loss as propagate's."""
+    """Return pi (2^s, 2^s, B) of all chains together; bit q of a mode: sensor q's chain is bad; loss: see propagate."""
     modes = 2 ** loss.shape[0]
     pi = np.ones((modes, modes, loss.shape[2]))
     for i in range(modes):
@@ -77,7 +77,7 @@ def transitions(loss: np.ndarray) -> np.ndarray:
 
 @register_jitable
 def arrival_chances(i: int, there: np.ndarray, loss: np.ndarray) -> np.ndarray:
-    """Return the chance that a sensor's message arrives in mode i (s, B), 0 where it is not there (s, B)."""
+    """Return the chance that each sensor's message arrives in mode i (s, B), 0 if the message is not there (s, B)."""
     chances = np.zeros(there.shape)
     for s in range(there.shape[0]):
         for q in range(there.shape[1]):
@@ -90,10 +90,10 @@ def arrival_chances(i: int, there: np.ndarray, loss: np.ndarray) -> np.ndarray:
 def condition(
     P: np.ndarray, V: np.ndarray, weight: np.ndarray, s: int, layout: Layout, G: np.ndarray, Y: np.ndarray
 ) -> None:
-    """Turn P into P - weight P C^T (C P C^T + V)^-1 C P, C the rows of sensor s.
+    """Replace P (12, 12, B) by P - weight P C^T (C P C^T + V)^-1 C P, with the rows C of sensor s.
 
-    With the Cholesky factor of C P C^T + V = G G^T and Y = G^-1 C P that is P - weight Y^T Y, for P (12, 12, B), the
-    sensor's V in the corner of a block (M, M) and a weight (B). G (M, M, B) and Y (M, 12, B) are overwritten.
+    With the Cholesky factorisation C P C^T + V = G G^T and Y = G^-1 C P, this is P - weight Y^T Y. V: the sensor's
+    covariance in the corner of a block (M, M); weight (B). G (M, M, B) and Y (M, 12, B) are overwritten.
     """
     _, states, weights, first, _, _ = layout
     m, start, n, B = first[s + 1] - first[s], first[s], P.shape[0], P.shape[2]
@@ -144,9 +144,9 @@ def mean_update(
 ) -> None:
     """Write sum_p Pr(p | i) U_p to U (12, 12, B); P (12, 12, B) is overwritten.
 
-    The update is linear in the chance of the sensor that comes last. So where no more than one sensor arrives by
-    chance, one pass does, that sensor last; else the patterns come one by one. X is X_i (12, 12, B), V has the
-    covariances of the sensors, each in the corner of a block (s, M, M), chances are of each sensor's arrival (s, B).
+    The update is linear in the chance of the sensor that comes last. So if at most one sensor arrives by chance, one
+    pass is enough, with this sensor last; else the arrival patterns are summed one by one. X: X_i (12, 12, B); V: the
+    sensors' covariances, each in the corner of a block (s, M, M); chances: of each sensor's arrival (s, B).
     """
     sensors, B, most = chances.shape[0], X.shape[2], V.shape[1]
     G, Y = np.empty((most, most, B)), np.empty((most, X.shape[0], B))
@@ -180,10 +180,10 @@ def mean_update(
 def mixture_moments(
     weights: np.ndarray, m: np.ndarray, C: np.ndarray, X: np.ndarray, mean: np.ndarray, cov: np.ndarray, err: np.ndarray
 ) -> None:
-    """Write mean (n, B) and covariance (n, n, B) of a mixture of the modes, and their mean X, err (l, l, B).
+    """Write mean (n, B) and covariance (n, n, B) of the mixture of the modes, and the modes' mean X, err (l, l, B).
 
-    They are of the first n of 15 and l of 12 states, by the weights of the modes (2^s, B), their means m (2^s, 15, B)
-    and covariances C (2^s, 15, 15, B) and X (2^s, 12, 12, B).
+    These are of the first n of 15 and l of 12 states. weights: of the modes (2^s, B); m, C, X: the modes' means
+    (2^s, 15, B), covariances (2^s, 15, 15, B) and X (2^s, 12, 12, B).
     """
     mean[:], cov[:], err[:] = 0.0, 0.0, 0.0
     used = [i for i in range(weights.shape[0]) if np.any(weights[i])]
@@ -216,11 +216,11 @@ def add_measured(
     m_next: np.ndarray,
     C_next: np.ndarray,
 ) -> None:
-    """Add the measured position's contribution to the integral to the next mean (15, B) and covariance (15, 15, B).
+    """Add the measured position's effect on the integral to the next mean m_next (15, B) and covariance C_next.
 
-    From mean m (15, B), covariance C (15, 15, B), X and Phi X (12, 12, B each), A C without an arrival (15, 15, B), the
-    covariances V of the sensors, each in the corner of a block (s, M, M), the chances of their arrival (s, B), whether
-    each measures the position (s), and the change of d_p's last rows by an arrival (3).
+    m, C: mean (15, B) and covariance (15, 15, B); X, PhiX: X and Phi X (12, 12, B each); AC: A C without an arrival
+    (15, 15, B); V: the sensors' covariances, each in the corner of a block (s, M, M); chances: of each sensor's arrival
+    (s, B); is_position: whether each measures the position (s); change: of d_p's last rows by an arrival (3).
     """
     noise, c_all = np.zeros((3, 3)), np.empty(m.shape[1])
     for q in range(m.shape[1]):
@@ -234,7 +234,7 @@ def add_measured(
                 none *= 1.0 - chances[s, q]
         c = c_all[q] = 1.0 - none
         for a in range(3):
-            jump = change[a] - m[a, q]  # what an arrival adds to the integral's mean
+            jump = change[a] - m[a, q]  # an arrival adds this to the integral's mean
             m_next[12 + a, q] += c * jump
             for b in range(3):
                 C_next[12 + a, 12 + b, q] += (

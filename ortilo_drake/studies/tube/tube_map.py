@@ -1,27 +1,24 @@
 """Tails and margins of the predicted tube over rates and bursts: how few measurements keep it in the corridor.
 
-**Tails**: the probability, by the linear theory, that the vehicle is outside the tube. Given which messages arrive, the
-linear loop's deviation is Gaussian, with the filter's own P_k for X. Over random arrivals it is a mixture: after a long
-gap it is wide, after a fix it is narrow. The tube takes the covariance of that mixture for the covariance of a
-Gaussian. The mixture's tails are longer, so the vehicle leaves a tube of 3 sigma more often than in 0.27 % of the
-ticks. The share of ticks outside is
+**Tails**: the probability, by the linear theory, that the vehicle is outside the tube. Given the messages that arrive,
+the linear loop's deviation is Gaussian, with the filter's own P_k for X. Over random arrivals the deviation is a
+mixture: wide after a long gap, narrow after a fix. The tube takes the mixture's covariance for a Gaussian's. The
+mixture's tails are longer, so the vehicle leaves a tube of 3 sigma more often than in 0.27 % of the ticks. The share of
+ticks outside is
 
     E[Q(R_k | arrivals)],   Q the probability of leaving the disc, see disc_radius.py,
 
-and the mixture's own radius is the one at which that mean is 0.27 %. The mean is taken over arrivals drawn from the
-links' own noise. The arrivals of a seed are therefore those of the flight with that seed, except where that flight is
-off its path.
+and the mixture's own radius is the one at which this mean is 0.27 %. The mean is over arrivals drawn from the links'
+own noise. So a seed's arrivals are those of the flight with this seed, except where the flight is off its path.
 
-**Maps** of margins are over two sensors, see map_sensors; all others stay as they are.
-
-The level 0 of a map is the lowest arrival rates, or the longest bursts, that keep the 3-sigma tube inside the room's
-corridors.
+**Maps** of margins vary two sensors, see map_sensors; all other sensors stay as they are. The level 0 of a map shows
+the lowest arrival rates, or the longest bursts, that keep the 3-sigma tube inside the room's corridors.
 
 Bursts come from a Gilbert-Elliott chain on each of the two links, independent of each other. A chain loses everything
-while it is bad. Its share of good ticks is the arrival rate, and its mean stay in the bad state is the burst. With a
-burst of b ticks bad_to_good = 1 / b and good_to_bad = (1 - rate) / (rate b). A chain can leave the good state once a
-tick at most, so no burst is shorter than (1 - rate) / rate ticks. A sensor slower than the tick loses at most one
-message in a burst that is shorter than the time between two of its messages.
+while it is bad. Its share of good ticks is the arrival rate, and its mean stay in the bad state is the burst. For a
+burst of b ticks, bad_to_good = 1 / b and good_to_bad = (1 - rate) / (rate b). A chain can leave the good state at most
+once a tick, so no mean burst is shorter than (1 - rate) / rate ticks. A sensor slower than the tick loses at most one
+message in a burst that is shorter than the time between two messages.
 """
 
 import os
@@ -44,14 +41,14 @@ from ortilo_drake.world.radio.link import NOT_SENT, chain_after, delay_of_messag
 
 
 class Mixture(NamedTuple):
-    """Means (m, n, 2) and covariances (m, n, 2, 2) of the deviation from r_k in the plane given m arrival histories."""
+    """Means (m, n, 2) and covariances (m, n, 2, 2) of the horizontal deviation from r_k, given m arrival histories."""
 
     means: np.ndarray
     covariances: np.ndarray
 
 
 def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> np.ndarray:
-    """Return a mask of the messages that arrive in each tick (n, s) with a seed's losses, on the planned path."""
+    """Return a mask of the messages that arrive at each tick (n, s) with a seed's losses, on the planned path."""
     sensors = scenario.measurement.sensors
     arrives = np.zeros((len(nominal.time), len(sensors)), dtype=np.bool_)
     for s, sensor in enumerate(sensors):
@@ -65,7 +62,7 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
 
 @cached_njit(nogil=True)
 def _kept_by_link(there: np.ndarray, r: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64) -> np.ndarray:
-    """Return a mask (n) of the messages that a link does not lose, its blackouts aside."""
+    """Return a mask (n) of the messages that a link does not lose at random; blackouts do not count here."""
     kept, bad, no_blackouts = np.zeros_like(there), False, np.empty((0, 3))
     for k in range(there.shape[0]):
         if there[k]:
@@ -76,14 +73,14 @@ def _kept_by_link(there: np.ndarray, r: np.ndarray, loss: np.ndarray, seed: int,
 
 
 def mixture(scenario: Scenario, nominal: NominalFlight, seeds: Iterable[int]) -> Mixture:
-    """Return the deviation given the arrivals of each seed; errors as predict_tube."""
+    """Return the deviation given the arrivals of each seed; errors as in `predict_tube`."""
     there = np.array([arrivals_of_seed(scenario, nominal, seed) for seed in seeds])
     means, covariances, _ = deviations(scenario, nominal, np.zeros((len(there), there.shape[2], 4)), there)
     return Mixture(means[:, :, :2], covariances[:, :, :2, :2])
 
 
 def chance_outside(radius: np.ndarray, of: Mixture) -> np.ndarray:
-    """Return the probability that the mixture leaves the discs of that radius (n) about r_k (n)."""
+    """Return the probability (n) that the mixture leaves the discs of radius (n) about r_k."""
     parts = [
         outside_discs(radius, np.ascontiguousarray(mean), np.ascontiguousarray(C))
         for mean, C in zip(of.means, of.covariances, strict=True)
@@ -92,9 +89,9 @@ def chance_outside(radius: np.ndarray, of: Mixture) -> np.ndarray:
 
 
 def greatest_chance(radius: np.ndarray, of: Mixture) -> float:
-    """Return the greatest of chance_outside; ticks whose bound is below it are skipped.
+    """Return the greatest of chance_outside; ticks whose upper bound is below the greatest so far are skipped.
 
-    |z - m| > x has a probability of at most exp(-x^2 / (2 s_1^2)), which holds for a round C.
+    The bound: |z - m| > x has a probability of at most exp(-x^2 / (2 s_1^2)), with equality for a round C.
     """
     a, b, c = of.covariances[..., 0, 0], of.covariances[..., 0, 1], of.covariances[..., 1, 1]
     largest = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)  # s_1^2
@@ -112,7 +109,7 @@ def greatest_chance(radius: np.ndarray, of: Mixture) -> float:
 def mixture_radius(of: Mixture, start: np.ndarray) -> np.ndarray:
     """Return the radius (n) that the mixture leaves with the probability THREE_SIGMA, by bisection to 0.1 %.
 
-    It starts from a first guess (n), above 0, such as the tube's radius.
+    start: a first guess (n), above 0, such as the tube's radius.
     """
     low, high = np.zeros_like(start), np.array(start)
     while np.any(wide := chance_outside(high, of) > THREE_SIGMA):
@@ -128,10 +125,10 @@ CAMERA = 1  # column of NominalFlight.there
 
 
 class MarginMap(NamedTuple):
-    """Least margins of the tube [m] over rates of two sensors, a and b, or a rate of both, a, and a mean burst, b [s].
+    """Least margins of the tube [m] over rates a and b of two sensors, or over a common rate a and mean burst b [s].
 
-    They are over the whole path (len(a), len(b)), NaN where there is no such link; and over its guided part, up to the
-    second sensor's last measurement, see guided_ticks.
+    whole: over the whole path (len(a), len(b)), NaN if no such link exists; guided: over the path up to the second
+    sensor's last measurement, see guided_ticks.
     """
 
     a: np.ndarray
@@ -141,10 +138,10 @@ class MarginMap(NamedTuple):
 
 
 def map_sensors(scenario: Scenario) -> tuple[str, str]:
-    """Return the two sensors that a scenario's maps are over.
+    """Return the two sensors that a scenario's maps vary.
 
-    They are the first that flies, the imu aside, and the next that measures the position or, without such, the last.
-    InputError if fewer than two fly beside the imu.
+    They are the first sensor beside the imu, and the next one that measures the position, or else the last sensor.
+    InputError if fewer than two sensors fly beside the imu.
     """
     measurement = scenario.measurement
     flying = unwired(sensor for sensor in measurement.sensors if sensor in scenario.sensors)
@@ -164,7 +161,7 @@ def with_losses(scenario: Scenario, first: Loss, second: Loss) -> Scenario:
 
 
 def without_blackouts(scenario: Scenario) -> Scenario:
-    """Return the scenario with a projected camera, and no blackouts on any sensor's link."""
+    """Return the scenario with a projected camera, and without blackouts on any sensor's link."""
     changes: dict[str, Any] = {}
     for sensor in scenario.sensors:
         group = scenario.group_of(sensor)
@@ -175,8 +172,8 @@ def without_blackouts(scenario: Scenario) -> Scenario:
 def with_rates(scenario: Scenario, first: float, second: float) -> Scenario:
     """Return the scenario with these shares of its map_sensors' messages arriving, independently of each other.
 
-    Shares of what is sent: with a message on every third tick, a third of them is the rate per tick that
-    expected_riccati.py speaks of. InputError if a rate is not in [0, 1].
+    The shares are of the messages sent: with a message on every third tick, a third of the share is the rate per tick
+    of expected_riccati.py. InputError if a rate is not in [0, 1].
     """
     for name, rate in zip(map_sensors(scenario), (first, second), strict=True):
         if not 0.0 <= rate <= 1.0:
@@ -189,7 +186,7 @@ def with_rates(scenario: Scenario, first: float, second: float) -> Scenario:
 
 
 def bursts(rate: float, burst_s: float, h: float) -> Loss | None:
-    """Return the chain with that good share, in (0, 1], and mean burst [s], above 0; None if there is none."""
+    """Return the chain with this share of good ticks, in (0, 1], and mean burst [s], above 0; None if none exists."""
     if not 0.0 < rate <= 1.0:
         raise InputError(f"rate: {rate}: must be in (0, 1]")
     if not burst_s > 0.0:
@@ -201,7 +198,7 @@ def bursts(rate: float, burst_s: float, h: float) -> Loss | None:
 
 
 def guided_ticks(nominal: NominalFlight, column: int = CAMERA) -> int:
-    """Return the number of ticks before a sensor's last measurement, the camera's by default; all if it has none."""
+    """Return the number of ticks up to a sensor's last measurement, the camera's by default; all if it has none."""
     seen = np.flatnonzero(nominal.there[:, column])
     return int(seen[-1]) + 1 if len(seen) else len(nominal.time)
 
@@ -210,28 +207,28 @@ Cases = list[list[Scenario | None]]
 
 
 def rate_cases(scenario: Scenario, first: np.ndarray, second: np.ndarray) -> Cases:
-    """Return the scenario at every pair of arrival rates, losses independent; errors as with_rates."""
+    """Return the scenario at every pair of arrival rates, losses independent; errors as in `with_rates`."""
     return [[with_rates(scenario, float(a), float(b)) for b in second] for a in first]
 
 
 def burst_cases(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarray) -> Cases:
-    """Return the scenario at every rate and mean burst of both links, None where there is none; errors as bursts."""
+    """Return the scenario at every rate and mean burst of both links, None if no chain has them; errors as bursts."""
     losses = [[bursts(float(a), float(b), scenario.h) for b in burst_lengths_s] for a in rates]
     return [[None if loss is None else with_losses(scenario, loss, loss) for loss in row] for row in losses]
 
 
 def tube_map(scenario: Scenario, first: np.ndarray, second: np.ndarray) -> MarginMap:
-    """Return the tube's margins over the arrival rates of the map_sensors; errors as rate_cases and predict_tube."""
+    """Return the tube's margins over the arrival rates of the map_sensors; errors as in rate_cases and predict_tube."""
     return _margins(scenario, first, second, rate_cases(scenario, first, second))
 
 
 def burst_map(scenario: Scenario, rates: np.ndarray, burst_lengths_s: np.ndarray) -> MarginMap:
-    """Return the tube's margins over the rate of both map_sensors and mean burst [s]; errors as tube_map, of bursts."""
+    """Return the tube's margins over a common rate and mean burst [s]; errors as in burst_cases and predict_tube."""
     return _margins(scenario, rates, burst_lengths_s, burst_cases(scenario, rates, burst_lengths_s))
 
 
 def _margins(scenario: Scenario, a: np.ndarray, b: np.ndarray, cases: Cases) -> MarginMap:
-    """Return least margins over the whole path and over its guided part; all scenarios have one nominal flight."""
+    """Return the least margins over the whole path and its guided part; all cases share one nominal flight."""
     nominal = nominal_flight(scenario)
     about = corridor(scenario.load_room(), scenario.vehicle, nominal.r)
     n = guided_ticks(nominal, scenario.measurement.sensors.index(map_sensors(scenario)[1]))
@@ -248,13 +245,12 @@ def _margins(scenario: Scenario, a: np.ndarray, b: np.ndarray, cases: Cases) -> 
 
 
 def chance_map(scenario: Scenario, cases: Cases, seeds: Iterable[int]) -> np.ndarray:
-    """Return the greatest chance, over the ticks of the path, of being outside the corridor in the plane.
+    """Return the greatest chance, over the ticks of the path, of being outside the corridor's disc; NaN without a case.
 
-    It is that of the mixture over the arrivals of the seeds, the same seeds everywhere.
-    Its level THREE_SIGMA is the boundary that the Gaussian tube's level 0 stands for, with the mixture's tails.
-    Such a chance is made by the few longest gaps, so it takes hundreds of histories: with 20 in place of 200 the
-    boundary of nominal_imu_uwb_yolo without blackouts comes out at a UWB rate of 0.116 in place of 0.088. All cases
-    share the scenario's nominal flight; NaN comes back where there is no case.
+    The chance is the mixture's over the arrivals of the seeds, the same seeds in all cases. Its level THREE_SIGMA is
+    the boundary that the Gaussian tube's level 0 stands for, with the mixture's tails. The few longest gaps make this
+    chance, so it takes hundreds of histories: with 20 instead of 200, the boundary of nominal_imu_uwb_yolo without
+    blackouts is at a UWB rate of 0.116 instead of 0.088. All cases share the scenario's nominal flight.
     """
     nominal, seeds = nominal_flight(scenario), list(seeds)
     room = corridor(scenario.load_room(), scenario.vehicle, nominal.r).radius

@@ -1,6 +1,6 @@
 """The recursion behind the tube: mean and covariance of the linear loop under intermittent measurements.
 
-The loop, in deviations from hover, with the arrivals p of a tick (which of uwb, camera and imu are there) random:
+The loop, in deviations from hover, with random arrivals p at each tick (which messages of uwb, camera and imu come):
 
     x+ = Phi x + Gamma u + w,   u = u_ff - L s,   s = [xhat - x_ref; i]                          (vehicle, servo)
     xbarhat+ = Phibar_p xbarhat + Gammabar u + Ibar r + K_p nu_p,   nu_p = C_p e + v_p               (filter)
@@ -11,46 +11,46 @@ Hence
 
     e+ = (Phi - K_p C_p) e + w - K_p v_p,       s+ = A_p s + K_p nu_p + d_p,   A_p = Phibar_p - Gammabar L,
 
-where d_p holds what the plan itself does wrong, Phi x_ref + Gamma u_ff - x_ref+, and the reference that
-integrates without a fix ('literal'). With the integrator 'estimate', A_p has the row -[I 0 0] of i and K_p none.
+where d_p holds the plan's own error, Phi x_ref + Gamma u_ff - x_ref+, and the reference that the integral adds without
+a fix ('literal'). With the integrator 'estimate', A_p has the rows -[I 0 0] for i, and K_p has no rows for i.
 
-**The gains.** The filter's own P_k depends on the arrivals' history. In their place stand gains of the expected
-Riccati recursion, one X_j for each state j of the links' Markov chains (pi their transitions, mu_j the chance of j):
+**The gains.** The filter's own P_k depends on the history of arrivals. Its gains are replaced by gains of the expected
+Riccati recursion, with one X_j for each state j of the links' Markov chains (transitions pi, chance mu_j of state j):
 
     X_j+ = sum_i mu_i pi_ij sum_p Pr(p | i) [F X_i F^T + W + K_p V_p K_p^T] / mu_j+,   F = Phi - K_p C_p,
     K_p = Phi X_i C_p^T S_p^-1,   S_p = C_p X_i C_p^T + V_p.
 
 For independent losses there is one state: X bounds E[P_k] from above (Sinopoli et al., "Kalman filtering with
 intermittent observations", IEEE TAC, 2004); with Markov losses these are the coupled equations of Costa, Fragoso and
-Marques, "Discrete-Time Markov Jump Linear Systems", 2005, chapter 5. For a filter with these gains, linear in
-the measurements, X_j = E[e e^T | j] exactly.
+Marques, "Discrete-Time Markov Jump Linear Systems", 2005, chapter 5. A filter with these gains is linear in the
+measurements, and X_j = E[e e^T | j] holds exactly for it.
 
-**The split.** With these very gains E[e s^T | j] = 0 stays 0, for its driving term is
+**The split.** With these gains E[e s^T | j] = 0 stays 0, because its driving term is
 E[((Phi - K_p C_p) e - K_p v_p) nu_p^T] K_p^T = (Phi X_i C_p^T - K_p S_p) K_p^T = 0. So
 
     M_j+ = sum_i mu_i pi_ij sum_p Pr(p | i) [A_p M_i A_p^T + A_p m_i d_p^T + d_p m_i^T A_p^T + d_p d_p^T
                                              + K_p S_p K_p^T] / mu_j+,     M_j = E[s s^T | j],  m_j = E[s | j],
 
-and since x - x_ref = e + (xhat - x_ref), its second moment is X + M (12 x 12) and its mean m.
+and since x - x_ref = e + (xhat - x_ref), x - x_ref has the second moment X + M (12 x 12) and the mean m.
 
 **How it is computed.** With C_j = M_j - m_j m_j^T and U_p = X_i - X_i C_p^T S_p^-1 C_p X_i, X of the vehicle's part
 after the measurements,
 
     F X_i F^T + W + K_p V_p K_p^T = Phi U_p Phi^T + W,   K_p S_p K_p^T = Phi (X_i - U_p) Phi^T      (12 rows)
 
-and U_p comes sensor by sensor, three rows at a time. A_p and the integral's rows of K_p, -E_p, depend on nothing but
-whether a position arrives, which has the chance c: with J = [0; I] (15 x 15, a 1 in row 12 + a, column a),
+and U_p is computed sensor by sensor, three rows at a time. A_p and the integral's rows of K_p, -E_p, depend only on
+whether a position arrives, which has the chance c. With J = [0; I] (15 x 15, a 1 in row 12 + a, column a),
 
-    sum_p Pr(p | i) A_p C A_p^T = A C A^T - c (J C A^T + A C J^T - J C J^T),   A that of no arrival.
+    sum_p Pr(p | i) A_p C A_p^T = A C A^T - c (J C A^T + A C J^T - J C J^T),   with A for no arrival.
 
-So a tick takes three products of sparse matrices a mode, however many patterns there are. Cases that differ in their
-losses or arrivals go through it together, side by side in the last axis of every array (tube_kernel.py).
+So a tick takes three products of sparse matrices for each mode, for any number of patterns. Cases that differ in their
+losses or arrivals go through the recursion together, side by side in the last axis of every array (tube_kernel.py).
 
-**What is approximate.** The vehicle is linear, at hover, and W and V are what the filter believes of both. V_p is that
-of fixes on the planned path, and a fix is there where it would be there; blackouts likewise. Errors of successive fixes
-are taken as independent. A measurement that comes late enters as if current, in the filter and here. The filter that
-flies knows its arrivals and so does better than X, but the vehicle's deviation, given its arrivals, is wider at
-times and narrower at others: a mixture, whose tails are longer than the Gaussian's that the tube is drawn from.
+**Approximations.** The vehicle is linear, at hover, and W and V are the filter's own. V_p, the availability of fixes
+and the blackouts are those on the planned path. Errors of successive fixes are taken as independent. A late measurement
+enters as if it were current, in the filter and here. The filter that flies knows its arrivals and so does better than
+X. But the vehicle's deviation, given the arrivals, is wider at times and narrower at others: it is a mixture, with
+longer tails than the Gaussian from which the tube is drawn.
 """
 
 import numpy as np
@@ -88,11 +88,11 @@ def propagate(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return mean (n, m, B) and covariance (n, m, m, B) of s and X = E[e e^T] (n, m, m, B) at every tick in B cases.
 
-    They are of the first m states, `kept`. Phi (12, 12), Gamma (12, 4), W (12, 12), the servo's gain L (4, 15), the
-    integrator and the layout of the measurement are those of the hover loop, X_0 (15, 15) has an integrator block of 0.
-    V has the covariances of the sensors at every tick, each in the corner of a block (n, s, M, M); there says whether a
-    sensor's message can arrive in a tick (n, s, B), loss has the parameters of the links' chains (s, 4, B). Of the plan
-    are d = Phi x_ref + Gamma u_ff - x_ref+ (n, 12), the reference position r, which the integral takes (n, 3), and
+    They are of the first m = `kept` states. The hover loop gives Phi (12, 12), Gamma (12, 4), W (12, 12), the servo's
+    gain L (4, 15), the integrator and the layout of the measurement; X_0 (15, 15) has an integrator block of 0.
+    V: the sensors' covariances at every tick, each in the corner of a block (n, s, M, M); there: whether a sensor's
+    message can arrive at a tick (n, s, B); loss: the parameters of the links' chains (s, 4, B). The plan gives
+    d = Phi x_ref + Gamma u_ff - x_ref+ (n, 12), the reference position r, which the integral takes (n, 3), and
     r_servo, the position in x_ref: r, or 0 in the paper's form of the servo (n, 3).
     """
     n, B = V.shape[0], loss.shape[2]
@@ -136,7 +136,7 @@ def propagate(
                     for q in range(B):
                         C_next[i, a, b, q] += driven[a, b, q] - X_next[i, a, b, q]
                         X_next[i, a, b, q] += W[a, b]
-            for a in range(3):  # d_p of the integral without an arrival, and what an arrival changes of it
+            for a in range(3):  # d_p of the integral without an arrival, and its change by an arrival
                 with_one = r[k, a] - r_servo[k, a]
                 without = r[k, a] if integrator == INTEGRATOR_LITERAL else (0.0 if measured else with_one)
                 m_next[i, 12 + a] += without

@@ -36,18 +36,18 @@ from ortilo_drake.views.pictures import figure_file
 RATES = np.geomspace(0.003, 1.0, 21)
 BURST_RATES = np.linspace(0.1, 1.0, 17)
 BURST_LENGTHS = np.geomspace(0.1, 10.0, 17)  # [s]
-# The mixture's boundary, from fewer points: each takes the arrivals of many seeds, of few the tails come out too long.
+# The mixture's boundary, from fewer points: each needs the arrivals of many seeds; with few, the tails are too long.
 CHANCE_RATES = np.geomspace(0.01, 1.0, 7)
 CHANCE_BURST_RATES = np.linspace(0.2, 0.95, 6)
 CHANCE_BURSTS = np.geomspace(0.3, 10.0, 7)  # [s]
-ARRIVALS = range(2001, 2101)
+ARRIVALS = range(2001, 2101)  # seeds of these arrivals
 SHOWN = ((0.1, 0.1), (0.02, 0.3))  # pairs drawn in the room
 
 Step = Callable[[str, int, int], None]
 
 
 def why_no_tube(scenario: Scenario) -> str | None:
-    """Return why a scenario's tube has no maps, None if it has."""
+    """Return why a scenario's tube has no maps, None if it has maps."""
     if filter_of(scenario).force != "none":
         return "the filter estimates more than the vehicle's states, and the tube is that of the paper's filter"
     if len(unwired(scenario.sensors)) < 2:
@@ -62,7 +62,7 @@ def why_no_tube(scenario: Scenario) -> str | None:
 
 @dataclass(frozen=True)
 class BurstMargins:
-    """Least margin [m] of the tube over the rate of both links and their mean burst [s], NaN where there is none."""
+    """The least margin [m] of the tube over the rate of both links and their mean burst [s], NaN if no chain exists."""
 
     rate: np.ndarray
     burst_s: np.ndarray
@@ -71,9 +71,9 @@ class BurstMargins:
 
 @dataclass(frozen=True)
 class TubeReport:
-    """The tube's margins over rates and bursts, and the flights of points by 'rates' and 'bursts' that check it.
+    """The tube's margins over rates and bursts, and the points by 'rates' and 'bursts' whose flights check the tube.
 
-    The rates are those of the two sensors by name, with 'margin' the least [m] over them (first, second).
+    rates: the rates of the two sensors by name, and 'margin', the least margin over them [m] (first, second).
     """
 
     rates: dict[str, np.ndarray]
@@ -82,11 +82,11 @@ class TubeReport:
 
 
 def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step: Step) -> tuple[TubeReport, list[Path]]:
-    """Return the tube's margins over rates and bursts and how flights compare with it, and the figures drawn.
+    """Return the tube's margins over rates and bursts with the comparison of flights, and the figures drawn.
 
-    The scenario has two sensors beside the imu; its own blackouts and losses are left out. So many flights of each
-    point are flown, 0 for none, in the folder flights of that of the figures, `out`. A step is told as what is being
-    done, how far and of how much.
+    The scenario has two sensors beside the imu; its own blackouts and losses are left out. `flights` of each point are
+    flown, 0 for none, in the folder flights within `out`, the figures' folder. `step` is called with the name of the
+    work, the number of steps done and their total.
     """
     calm = without_blackouts(scenario)
     nominal, sensors = nominal_flight(calm), map_sensors(calm)
