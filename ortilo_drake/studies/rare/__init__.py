@@ -1,1 +1,1 @@
-"""The probability of rare events: subset simulation over the noise and the start of flights."""
+"""The probability of rare events, by subset simulation over the noise and the start of flights."""

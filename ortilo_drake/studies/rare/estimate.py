@@ -1,9 +1,9 @@
 """The probability of a rare event with its 95 % interval, from repetitions of subset simulation and from a count.
 
-Two intervals hold together at least as often as 1 - (a + b), if one misses with the chance a and the other with b,
-whether or not they are independent (Bonferroni). The repetitions have a 96 % interval, the count has a 99 % one, and
-the answer is what both allow. Most of the 5 % is the repetitions', because a count seldom narrows their interval where
-there are ten of them, and narrows it far where there are three.
+If one interval misses with the chance a and another with the chance b, both hold with probability 1 - (a + b) at least,
+whether or not they are independent (Bonferroni). The repetitions have a 96 % interval, the count has a 99 % interval,
+and the answer is the intersection. The repetitions get most of the 5 %, because a count seldom narrows the interval of
+ten repetitions, and narrows that of three very much.
 """
 
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ from scipy import stats
 from ortilo_drake.flight.intervals import LEVEL, Interval, share_interval
 from ortilo_drake.studies.rare.subset import Climb, Plan
 
-OF_COUNT = 0.99  # confidence of the count's interval where it stands beside the repetitions' [1]
-OF_REPETITIONS = LEVEL + (1.0 - OF_COUNT)  # and of theirs [1]
-FEWEST = 2  # estimates above 0, without which there is no interval
+OF_COUNT = 0.99  # confidence of the count's interval beside the repetitions' interval [1]
+OF_REPETITIONS = LEVEL + (1.0 - OF_COUNT)  # confidence of the repetitions' interval [1]
+FEWEST = 2  # fewest estimates above 0 for an interval
 
 
 @dataclass(frozen=True)
 class Counted:
-    """Plain counting of flights whose noise is independent: how many flew, and in how many of them it happened.
+    """A plain count over flights with independent noise: the number of flights, and of those with the event.
 
-    The ends of Wilson's 95 % interval of the share are low and high [1].
+    low, high: the ends of Wilson's 95 % interval of the share [1].
     """
 
     flights: int
@@ -34,10 +34,10 @@ class Counted:
 
 @dataclass(frozen=True)
 class Joined:
-    """What repetitions and a count say, each by itself: the repetitions' mean, and the ends of both intervals [1].
+    """The separate results of repetitions and count: the repetitions' mean, and the ends of both intervals [1].
 
-    They are of the confidences OF_REPETITIONS and OF_COUNT; the count's is Clopper and Pearson's, which holds at least
-    as often as it says.
+    The intervals have the confidences OF_REPETITIONS and OF_COUNT; the count's is Clopper and Pearson's, which holds
+    with this confidence at least.
     """
 
     mean: float
@@ -46,7 +46,7 @@ class Joined:
 
     @property
     def agree(self) -> bool:
-        """Whether some probability is in both intervals."""
+        """Whether the two intervals overlap."""
         return max(self.by_repetitions[0], self.by_count[0]) <= min(self.by_repetitions[1], self.by_count[1])
 
 
@@ -54,8 +54,7 @@ class Joined:
 class Estimate:
     """A probability with its 95 % interval [1].
 
-    The probability is None where it is known only by a count of `independent`; joined is None where only a count gives
-    it.
+    probability: None if only a count of `independent` gives it; joined: None if only a count gives the interval.
     """
 
     probability: float | None
@@ -67,7 +66,7 @@ class Estimate:
 def counted_of(flights: int, events: int) -> Counted:
     """Return a count with Wilson's interval.
 
-    Of no event in n >= 20 flights its upper end is 16 to 28 % above the exact one-sided limit, 1 - 0.05^(1/n).
+    Without an event in n >= 20 flights, its upper end is 16 to 28 % above the exact one-sided limit, 1 - 0.05^(1/n).
     """
     return Counted(flights, events, *share_interval(events, flights))
 
@@ -75,11 +74,11 @@ def counted_of(flights: int, events: int) -> Counted:
 def estimate(plan: Plan, found: list[Climb], paths: int, independent: Counted, counted: int, events: int) -> Estimate:
     """Return the probability and its 95 % interval.
 
-    Without levels it is a count of all flights of the repetitions and those counted beside them. The plan's are left
-    out: they decided that there is no level. With fewer than two repetitions above 0, and where a count without any
-    event contradicts the repetitions, it is that of `independent`, the count of all flights that belong to no chain.
-    The plan has the levels, of so many paths each; beside the repetitions found so many flights were counted, and so
-    many events in them.
+    Without levels, they come from a count of all flights of the repetitions and those counted beside them. The plan's
+    flights are left out: they decided that there is no level. With fewer than two repetitions above 0, and if a count
+    without any event contradicts the repetitions, they come from `independent`, the count of all flights not in chains.
+    plan: the levels, with `paths` each; found: the repetitions; counted, events: the flights counted beside them, and
+    the events among these.
     """
     met = events + sum(one.met for one in found)
     if found and met and not plan.levels:
@@ -99,7 +98,7 @@ def estimate(plan: Plan, found: list[Climb], paths: int, independent: Counted, c
 
 
 def _joined(found: list[Climb], paths: int, independent: Counted) -> Joined | None:
-    """Return what both say; None of fewer than two repetitions above 0."""
+    """Return the results of repetitions and count; None with fewer than two repetitions above 0."""
     p = np.array([one.probability for one in found])
     if not (ends := log_interval(p, OF_REPETITIONS)):
         return None
@@ -110,11 +109,11 @@ def _joined(found: list[Climb], paths: int, independent: Counted) -> Joined | No
 
 
 def least_half_width(found: list[Climb], paths: int, level: float) -> float:
-    """Return half the width of the interval of the logarithm that repetitions of independent paths would have.
+    """Return half the width of the logarithm's interval for repetitions of independent paths.
 
-    A share k of N independent paths has a logarithm of variance (1 - k) / (k N), and those of all levels add up (Au and
-    Beck 2001, of paths without correlation). Paths of a chain are correlated, which only widens it; repetitions
-    that agree better do so by chance.
+    The logarithm of a share k of N independent paths has the variance (1 - k) / (k N), and the variances of all levels
+    add up (Au and Beck 2001, for paths without correlation). Paths of a chain are correlated, which only widens the
+    interval; repetitions that agree better do so by chance.
     """
     reached = [[one.kept[j] for one in found if len(one.kept) > j] for j in range(max(len(one.kept) for one in found))]
     shares = np.array([np.mean(at_level) for at_level in reached])
@@ -127,11 +126,11 @@ def log_interval(estimates: np.ndarray, level: float) -> Interval | None:
 
     Estimates that are a product of many shares tend to a lognormal law (J. Bérard, P. Del Moral, A. Doucet, "A
     lognormal central limit theorem for particle approximations of normalizing constants", Electronic Journal of
-    Probability 19, 2014). Its mean has the logarithm mu + s^2 / 2, of which n logarithms of variance s^2 give an
-    estimate with the variance s^2 / n + s^4 / (2 (n - 1)); with Student's t that makes an interval (D. R. Cox's, in U.
+    Probability 19, 2014). The logarithm of this law's mean is mu + s^2 / 2. From n logarithms of variance s^2 it is
+    estimated with the variance s^2 / n + s^4 / (2 (n - 1)), and Student's t gives its interval (D. R. Cox's, in U.
     Olsson, "Confidence intervals for the mean of a log-normal distribution", Journal of Statistics Education 13, 2005).
-    Here it is laid about the arithmetic mean, which has no bias. Of N estimates of which n are not 0 the share n / N
-    adds the variance (N - n) / (n N) of its logarithm.
+    Here the interval is laid about the arithmetic mean, which has no bias. If n of N estimates are not 0, the logarithm
+    of the share n / N adds the variance (N - n) / (n N).
     """
     logs = np.log(estimates[estimates > 0.0])
     n, N = len(logs), len(estimates)

@@ -1,8 +1,8 @@
 """The probability that a scenario's vehicle is lost, or strays from its reference, where that is rare.
 
 Subset simulation chooses its levels once and is then repeated, each time with noise of its own. The estimates of the
-repetitions are independent and without bias, so their mean is one too. The event is counted as well, in all flights
-whose noise is independent, and the answer joins both.
+repetitions are independent and without bias, so their mean has no bias either. The event is also counted in all flights
+with independent noise, and the answer combines both.
 """
 
 from collections.abc import Callable
@@ -23,17 +23,17 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.rare.estimate import Counted, Joined, counted_of, estimate
 from ortilo_drake.studies.rare.subset import CHAIN, LEAST, Climb, Plan, climb, flights_of, plan_climb
 
-AT_ONCE = 500  # flights that are counted by one job
-TRIED = 3  # repetitions that fly before the others, which fly only if one of these comes to the event
+AT_ONCE = 500  # flights counted by one job
+TRIED = 3  # repetitions that fly first; the others fly only if one of these reaches the event
 
 
 @dataclass(frozen=True)
 class Event:
-    """What may happen in a flight: the vehicle comes so far from where it should be, the corridor [m], or it is lost.
+    """An event in a flight: the vehicle is lost, or its distance from its path or reference reaches the corridor [m].
 
-    Without a corridor only a loss counts, which always does. The distance is from the nearest point of the path, the
-    points of the reference at all times; otherwise from the reference of the same moment, so that a vehicle which is
-    late is off too.
+    A loss always counts; without a corridor only a loss counts. With from_path, the distance is from the nearest point
+    of the path, the reference's points at all times. Otherwise it is from the reference of the same moment, so that a
+    late vehicle is off too.
     """
 
     corridor: float | None
@@ -41,23 +41,23 @@ class Event:
 
     @property
     def goal(self) -> float:
-        """The distance at which it happens; infinity stands for a loss [m]."""
+        """The distance at which the event happens; infinity stands for a loss [m]."""
         return np.inf if self.corridor is None else self.corridor
 
     @property
     def origin(self) -> str:
-        """What the distance is from, as reports name it."""
+        """The origin of the distance, as reports name it."""
         return "path" if self.from_path else "reference"
 
     @property
     def file(self) -> str:
-        """The name by which kept results of it begin."""
+        """The first part of the file names of kept results."""
         what = "lost" if self.corridor is None else f"corridor_{self.corridor:g}"
         return f"{what}_from_path" if self.from_path else what
 
 
 def doubted_corridor(scenario: Scenario, event: Event) -> list[str]:
-    """Return a line of doubt about a distance at which a vehicle in the room's midst has met a wall; none otherwise."""
+    """Return a line of doubt about a corridor so wide that a vehicle in the room's middle would meet a wall before."""
     interior = scenario.load_room().interior
     sides = sorted(high - low for low, high in zip(interior.min, interior.max, strict=True))
     if event.corridor is None or event.corridor <= sides[1] / 2.0:
@@ -71,7 +71,7 @@ def doubted_corridor(scenario: Scenario, event: Event) -> list[str]:
 
 @dataclass(frozen=True)
 class Rare:
-    """The probability of a rare event in a flight, and how it was found."""
+    """The probability of a rare event in a flight, and the evidence for it."""
 
     event: Event
     """what happens."""
@@ -102,7 +102,7 @@ class Rare:
 
 
 class _Job(NamedTuple):
-    """A job: its arguments, the file that keeps its result, the type of that, and the flights that it takes at most."""
+    """A job: its arguments, the file of its result, the result's type, and the largest number of its flights."""
 
     arguments: tuple[Any, ...]
     file: Path
@@ -116,18 +116,18 @@ def _engine_of(scenario_json: str) -> Engine:
 
 
 def _farthest(engine: Engine, event: Event, numbers: np.ndarray) -> np.ndarray:
-    """Return the largest distance of each flight [m], infinity if it is lost (n)."""
+    """Return the largest distance of each flight [m] (n), infinity if the flight is lost."""
     return engine.distances_given(numbers, event.from_path).max(axis=1)
 
 
 def climb_flights(scenario_json: str, event: Event, plan: Plan, paths: int, seed: int, repetition: int) -> Climb:
-    """Return one estimate. Runs in a worker: the arguments are plain data."""
+    """Return one estimate. Runs in a worker process: the arguments are plain data."""
     engine = _engine_of(scenario_json)
     return climb(partial(_farthest, engine, event), engine.numbers, event.goal, plan, paths, seed, repetition)
 
 
 def count_flights(scenario_json: str, event: Event, seeds: range) -> int:
-    """Return in how many flights it happens. Runs in a worker: the arguments are plain data."""
+    """Return the number of flights with the event. Runs in a worker process: the arguments are plain data."""
     engine = _engine_of(scenario_json)
     of_ticks = np.repeat(np.array(seeds)[:, np.newaxis], engine.ticks, axis=1)
     return int(np.sum(engine.distances(of_ticks, event.from_path).max(axis=1) >= event.goal))
@@ -146,14 +146,13 @@ def rare_flights(
 ) -> Rare:
     """Return the probability that an event happens in a flight.
 
-    Where the climb that chooses the levels never comes to the event, nothing is repeated, and where none of the first
-    TRIED repetitions does, no more of them fly: a count then bounds the probability. Finished repetitions are kept
-    in the folder `out`, and not flown again; 1 worker flies in this process. A level has so many paths, a multiple of
-    CHAIN; the repetitions, 2 at least, have noise of their own, of the scenario's seed together with their number. So
-    many flights are counted beside it, seeds from 0 on. The progress is told as how many flights are done and how many
-    there will be, at most; None until levels are chosen and it is decided whether more than TRIED repetitions fly. The
-    smallest probability that is sought is `least` [1].
-    InputError if the scenario has a part that is not compiled, or what is found cannot be kept.
+    If the climb that chooses the levels never reaches the event, nothing is repeated. If none of the first TRIED
+    repetitions reaches it, no more fly. A count then bounds the probability. Finished repetitions are kept in `out`,
+    and not flown again; one worker flies in this process. paths: flights of each level, a multiple of CHAIN;
+    repetitions: at least 2, each with noise from the scenario's seed and its own number; count: flights counted in
+    addition, with seeds from 0 on; progress: called with the flights done and the largest number of flights, None until
+    levels are chosen and it is decided whether more than TRIED repetitions fly; least: smallest probability sought [1].
+    InputError if the scenario has a part that is not compiled, or if a result cannot be written.
     """
     if paths % CHAIN:
         raise InputError(f"paths: {paths}: must be a multiple of {CHAIN}")
@@ -173,7 +172,7 @@ def rare_flights(
     done, total, decided = plan.flights, plan.flights + each * len(numbers) + count, len(numbers) <= TRIED
 
     def advance(flights: int, planned: int) -> None:
-        """A climb that comes to no event ends early: it flies fewer than planned."""
+        """Count flights done; a climb that reaches no event ends early, with fewer flights than planned."""
         nonlocal done, total
         done, total = done + flights, total + flights - planned
         progress(done, total if decided else None)
@@ -223,7 +222,7 @@ def rare_flights(
 
 
 def _run(function: Any, jobs: list[_Job], workers: int, advance: Callable[[int, int], None]) -> list[Any]:
-    """Do the jobs whose result is not kept yet; keep and return all. What is flown and what was planned is told."""
+    """Run the jobs without a kept result, keep their results, and return all; tell the flights flown and planned."""
     results = [kept_json(job.file, job.kind, in_folder(job.file)) for job in jobs]
     missing = [i for i, result in enumerate(results) if result is None]
 

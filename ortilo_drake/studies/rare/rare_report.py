@@ -9,24 +9,24 @@ from ortilo_drake.studies.rare.rare_flights import Event, Rare
 from ortilo_drake.studies.rare.subset import CHAIN, FIRST, KEPT, most_levels
 from ortilo_drake.views.numbers import table
 
-WIDE = 100.0  # of an interval's ends, from which only the bound is told that is known [1]
-_MILLIARD = 1e9  # flights, from which their number is written with an exponent
+WIDE = 100.0  # if the ratio of an interval's ends is larger, only the bound is told [1]
+_MILLIARD = 1e9  # from this number on, flights are written with an exponent
 OFTEN = 0.1  # a larger share of flights is given in percent [1]
-APART = 0.25  # of acceptances at one level, from which repetitions may be said to have gone different ways [1]
+APART = 0.25  # least difference of acceptances at one level that shows repetitions going different ways [1]
 OF_CHAIN = 0.25  # standard deviation of a chain's share of accepted steps [1]; 0.2 was measured in hovering flights
-BY_CHANCE = 0.99  # of studies' largest differences of acceptances at one level lie below what chance is held for [1]
-CONFIRMS = 5  # events in a count that agrees, from which no repetition need have found every way to the event
-MOST_COUNTED = 1e6  # flights that a report advises to count
+BY_CHANCE = 0.99  # share of studies whose largest difference of acceptances at one level counts as chance [1]
+CONFIRMS = 5  # with so many events in a count that agrees, the count has met every way to the event that matters
+MOST_COUNTED = 1e6  # largest number of flights that a report advises to count
 MORE = "; more --paths and --repetitions are needed to say more"
 
 
 def verdict(scenario: Scenario, found: Rare) -> str:
-    """Return the verdict in one line: how often it happens, or the bound that is known."""
+    """Return the verdict in one line: how often the event happens, or the known bound."""
     return headline(scenario, found) + (MORE if bound_only(found) else "")
 
 
 def headline(scenario: Scenario, found: Rare) -> str:
-    """Return how often it happens, without what is needed to know more."""
+    """Return how often the event happens, without the advice for a better answer."""
     event, flown, (often, ends) = happening(found.event), found.independent, how_often(found)
     if found.probability is None and not flown.events:
         return f"{scenario.name} {event}: fewer than {found.high:.2g} (95 %), none in {flown.flights:,} flights"
@@ -40,17 +40,17 @@ def headline(scenario: Scenario, found: Rare) -> str:
 
 
 def spans_far(low: float, high: float) -> bool:
-    """Return whether an interval is so wide that a figure in its midst would mislead."""
+    """Return whether an interval is so wide that a figure within it would mislead."""
     return high > WIDE * low
 
 
 def bound_only(found: Rare) -> bool:
-    """Return whether the probability is known as a bound only; what never happened has words of its own."""
+    """Return whether only a bound of the probability is known; an event that never happened has words of its own."""
     return bool(found.probability or found.independent.events) and spans_far(found.low, found.high)
 
 
 def how_often(found: Rare) -> tuple[str, str]:
-    """Return how often it happens and its 95 % interval, in words: a share where it is often, one flight in so many."""
+    """Return how often the event happens and its 95 % interval, in words: a share if often, else one flight in n."""
     p, low, high = found.probability or found.independent.events / found.independent.flights, found.low, found.high
     if bound_only(found):
         rarer = f"{min(high, 1.0):.0%} of flights" if high > OFTEN else f"one flight in {_one_in(high)}"
@@ -63,14 +63,14 @@ def how_often(found: Rare) -> tuple[str, str]:
 
 
 def happening(event: Event) -> str:
-    """Return what happens, as the rest of a sentence that begins with the scenario."""
+    """Return the event as the rest of a sentence that begins with the scenario."""
     if event.corridor is None:
         return "loses its vehicle"
     return f"strays {event.corridor:g} m or more from its {event.origin}"
 
 
 def _one_in(probability: float) -> str:
-    """Return of how many flights it is one, in two digits."""
+    """Return n of "one flight in n" for a probability, in two digits."""
     return two_digits(1.0 / max(probability, 1e-99))
 
 
@@ -81,12 +81,12 @@ def two_digits(number: float) -> str:
 
 
 def rare_text(scenario: Scenario, found: Rare) -> str:
-    """Return the report."""
+    """Return the report in Markdown."""
     return f"# {verdict(scenario, found)}\n\n{rare_body(found)}"
 
 
 def rare_body(found: Rare) -> str:
-    """Return the report without its verdict; a doubt about that comes first."""
+    """Return the report without its verdict; a doubt about the verdict comes first."""
     lines = [doubt, ""] if (doubt := doubt_of(found)) else []
     lines += _by_counting(found) if found.probability is None else _by_repetitions(found, found.probability)
     if found.drawn:
@@ -110,7 +110,7 @@ def rare_body(found: Rare) -> str:
 
 
 def _distances(found: Rare) -> list[list[str]]:
-    """Return rows of how rare a distance is, and the distance: of the first climb's first flights, then its levels."""
+    """Return rows with a distance's rarity and the distance, for the first climb's first flights and for its levels."""
     levels = list(zip(np.cumprod(_shares(found)), found.plan.levels, strict=False))
     nearest = levels[0][1] if levels else np.inf
     of_first = [(share, far) for share, far in zip(FIRST, found.plan.first, strict=False) if far < nearest]
@@ -118,7 +118,7 @@ def _distances(found: Rare) -> list[list[str]]:
 
 
 def _shares(found: Rare) -> list[float]:
-    """Return the share of flights of each level that reached the next: as found, or as planned if nothing repeated."""
+    """Return the share of each level's flights that reached the next: as found, or as planned without repetitions."""
     return (
         _column_means([one.kept for one in found.repetitions]) if found.repetitions else [KEPT] * len(found.plan.levels)
     )
@@ -150,7 +150,7 @@ def _ends(low: float, high: float, percent: str) -> str:
 
 
 def _carried(found: Rare, joined: Joined) -> str:
-    """Return in a sentence whether the repetitions or the count give the answer."""
+    """Return words that say whether the repetitions or the count give the answer."""
     if not joined.agree:
         return (
             "the count's, because no probability is in both intervals below. The repetitions miss a cause of the event,"
@@ -164,7 +164,7 @@ def _carried(found: Rare, joined: Joined) -> str:
 
 
 def _by_counting(found: Rare) -> list[str]:
-    """Return the text for a study in which no climb, or only one, reached the event: its answer is a count."""
+    """Return the text for a study whose answer is a count, as fewer than two repetitions can be used."""
     flown, came = found.independent, sum(one.probability > 0.0 for one in found.repetitions)
     if found.joined:
         why = f"The repetitions' mean, {found.joined.mean:.2g}, is not used: the count contradicts it."
@@ -184,9 +184,9 @@ def _by_counting(found: Rare) -> list[str]:
 
 
 def doubt_of(found: Rare) -> str | None:
-    """Return in a line why the interval may miss the answer, and what to do; None without such a doubt.
+    """Return a line on why the interval may miss the answer, and what to do; None without such a doubt.
 
-    A count that agrees and saw the event CONFIRMS times has met every way to it that matters.
+    A count that agrees and saw the event CONFIRMS times has met every way to the event that matters.
     """
     at, flown, joined = level_apart(found), found.independent, found.joined
     if at is None or (joined and joined.agree and flown.events >= CONFIRMS):
@@ -200,16 +200,16 @@ def doubt_of(found: Rare) -> str | None:
 
 
 def _count_to_confirm(found: Rare) -> str:
-    """Return the option that counts twice the events that confirm an answer, where that takes no million flights."""
+    """Return the option to count twice the events that confirm an answer, if this takes less than a million flights."""
     flights = 2 * CONFIRMS / max(found.probability or found.high, 1e-99)
     return f" and --count {int(two_digits(flights).replace(',', ''))}" if 10.0 < flights < MOST_COUNTED else ""
 
 
 def level_apart(found: Rare) -> float | None:
-    """Return the first level at which the repetitions' acceptances lie farther apart than chance makes; None for none.
+    """Return the first level at which the repetitions' acceptances differ by more than chance; None if there is none.
 
-    Steps that are taken far more often than planned are those of flights that got there by other noise: a few ticks'
-    instead of many, or one draw at the start. Chance makes the studentized range of means over as many chains.
+    Steps are accepted far more often than planned if flights got there by other noise: a few ticks' instead of many,
+    or one draw at the start. By chance, the difference has the studentized range of means over as many chains.
     """
     if len(found.repetitions) < 2:
         return None

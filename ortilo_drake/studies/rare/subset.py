@@ -1,26 +1,27 @@
-"""Subset simulation: the probability that a random path ever goes as high as a goal, however small it is.
+"""Subset simulation: the probability, however small, that a random path ever goes as high as a goal.
 
 S. K. Au, J. L. Beck, "Estimation of small failure probabilities in high dimensions by subset simulation", Probabilistic
-Engineering Mechanics 16 (2001). Levels L_1 < L_2 < ... lie below the goal. Of N paths those at L_j or above are kept.
-Each starts a Markov chain that leaves the law of paths above L_j unchanged, and the chains' paths are the next N. With
-the share that reaches the next level in each round,
+Engineering Mechanics 16 (2001). Levels L_1 < L_2 < ... lie below the goal. Of N paths, those at L_j or above are kept.
+Each kept path starts a Markov chain that leaves the law of paths above L_j unchanged, and the chains' paths are the
+next N. With the share that reaches the next level in each round,
 
     p = share at L_1 x share at L_2 of those above L_1 x ... x share at the goal of those above the last.
 
-A path is a row of standard normal numbers z, those of its start and of every tick. A step of a chain changes a little
-of it, by 0 < b <= 1, and is taken if the new path is at the level or above. Two steps of three move all of z,
+A path is a row of standard normal numbers z, for its start and for every tick. A step of a chain changes z a little, by
+0 < b <= 1, and is taken if the new path is at the level or above. Two of three steps move all of z,
 
     z' = (1 - b) z + sqrt(1 - (1 - b)^2) v,   v standard normal,
 
 and the third draws each number anew with the probability b. Both are reversible for the law of z, whatever its size
 (pCN: S. L. Cotter et al., "MCMC methods for functions", Statistical Science 28, 2013, and as conditional sampling:
 I. Papaioannou et al., "MCMC algorithms for subset simulation", Probabilistic Engineering Mechanics 41, 2015; Gibbs).
-The first goes up where one or two ticks decide, for it moves within them; the second where many numbers must each stay
-within bounds, as in a burst of losses. A path runs from its start to its end, so a cause may be long before its effect.
+The first kind suits events that one or two ticks decide, because it moves within these ticks. The second suits events
+for which many numbers must each stay within bounds, as in a burst of losses. A path runs from its start to its end, so
+a cause may be long before its effect.
 
-A first climb chooses levels and steps; its own estimate is thrown away. The climbs that follow take them as given, so
-that their estimates are without bias (waste-free sequential Monte Carlo: H.-D. Dau, N. Chopin, Journal of the Royal
-Statistical Society B 84, 2022, proposition 1), and independent of each other.
+A first climb chooses levels and steps; its own estimate is discarded. The later climbs take levels and steps as given,
+so their estimates have no bias (waste-free sequential Monte Carlo: H.-D. Dau, N. Chopin, Journal of the Royal
+Statistical Society B 84, 2022, proposition 1) and are independent of each other.
 """
 
 import math
@@ -33,25 +34,25 @@ import numpy as np
 from ortilo_drake.flight.store import Amount, Count, Share
 
 KEPT = 0.1  # share of the paths that a chosen level keeps [1]
-MOST_KEPT = 0.5  # share above which too many are equally high for a level [1]
-CHAIN = 10  # paths of a chain, its start among them
-ACCEPTED = 0.4  # share of steps that are to be taken [1]
+MOST_KEPT = 0.5  # with a larger share of equally high paths, their height is no level [1]
+CHAIN = 10  # paths of a chain, its start included
+ACCEPTED = 0.4  # wanted share of accepted steps [1]
 SPREAD = 2.0  # steps are up to so many times smaller or larger than the level's own, to suit late and early causes
-AT_ONCE = 2**21  # numbers of the paths that are run together
-_GAIN = 2.0  # of the logarithm of a step, for what is taken too often or too seldom
-FIRST = (0.5, 0.1, 0.01, 1e-3)  # shares of the first paths, of which a plan keeps how high they came [1]
-LEAST = 1e-9  # the climb that chooses levels goes no further down than to such a probability [1]
+AT_ONCE = 2**21  # random numbers of the paths that run together
+_GAIN = 2.0  # gain of the logarithm of a step's size on the error of the accepted share
+FIRST = (0.5, 0.1, 0.01, 1e-3)  # shares of the first paths for which a plan keeps the height reached [1]
+LEAST = 1e-9  # the climb that chooses levels stops at this probability [1]
 
-Heights = Callable[[np.ndarray], np.ndarray]  # how high each path (n, size) comes (n)
+Heights = Callable[[np.ndarray], np.ndarray]  # paths (n, size) -> the height that each reaches (n)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The levels below the goal, going up, and steps that the first climb chose: b of each kind of step, in (0, 1].
+    """The levels below the goal, upwards, and the steps that the first climb chose: b of each kind of step, in (0, 1].
 
-    It ran so many flights, of the first, independent ones of which so many met the goal, and says whether a path above
-    the last level reached it. The shares FIRST of the first ones came as high as `first` says, as far as the paths are
-    so many and the heights finite.
+    flights: run by the first climb; met: of its first, independent flights, the number that met the goal; reached:
+    whether a path above the last level reached the goal; first: the heights that the shares FIRST of the first flights
+    reached, as far as there are enough flights and the heights are finite.
     """
 
     levels: tuple[Amount, ...]
@@ -66,8 +67,8 @@ class Plan:
 class Climb:
     """The result of one climb: the probability of reaching the goal [1].
 
-    The paths that were at each level, then at the goal, were a share `kept` of all, the steps that were taken at each
-    level a share `accepted` [1]. So many flights ran, of the first, independent ones of which so many met the goal.
+    kept: share of the paths that reached each level, then the goal [1]; accepted: share of accepted steps at each level
+    [1]; flights: number run; met: of the first, independent flights, the number that met the goal.
     """
 
     probability: Share
@@ -78,12 +79,12 @@ class Climb:
 
 
 def independent_paths(n: int, size: int, random: np.random.Generator) -> np.ndarray:
-    """Return n paths of so many numbers (n, size)."""
+    """Return n independent paths of `size` standard normal numbers (n, size)."""
     return random.standard_normal((n, size), dtype=np.float32)
 
 
 def propose(paths: np.ndarray, step: np.ndarray, few: bool, random: np.random.Generator) -> np.ndarray:
-    """Return paths a step away, b of each (n): a few of their numbers are new, or all are moved."""
+    """Return proposed paths (n, size), with step b of each (n): a few of their numbers are new, or all are moved."""
     new, kept = independent_paths(len(paths), paths.shape[1], random), (1.0 - step[:, np.newaxis]).astype(np.float32)
     if few:
         return np.where(random.random(paths.shape, dtype=np.float32) < kept, paths, new)
@@ -93,14 +94,14 @@ def propose(paths: np.ndarray, step: np.ndarray, few: bool, random: np.random.Ge
 
 
 class _Best:
-    """Paths of the highest keys among all that it is offered, so many at most: a level's paths need not all be held."""
+    """The `most` paths with the highest keys among all paths offered: so not all paths of a level are held."""
 
     def __init__(self, most: int, size: int):
         self._paths, self._heights = np.empty((most, size), np.float32), np.empty(most)
-        self._keys = np.full(most, -np.inf)  # of none
+        self._keys = np.full(most, -np.inf)  # -inf: no path
 
     def offer(self, paths: np.ndarray, heights: np.ndarray, keys: np.ndarray) -> None:
-        """Take the paths whose keys are among the highest (n); those of -infinity are not offered."""
+        """Take the paths (n, size) whose keys (n) are among the highest; a key of -infinity means not offered."""
         there, most = np.flatnonzero(keys > -np.inf), len(self._keys)
         best = np.argsort(-np.concatenate((self._keys, keys[there])), kind="stable")[:most]
         goes = np.ones(most, dtype=bool)
@@ -109,23 +110,23 @@ class _Best:
         self._paths[goes], self._heights[goes], self._keys[goes] = paths[comes], heights[comes], keys[comes]
 
     def starts(self, level: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Return paths at a level from which chains go on, and their heights: each as often as any, on average."""
+        """Return the start paths of chains, at a level or above, and their heights: each equally often on average."""
         there = np.flatnonzero((self._keys > -np.inf) & (self._heights >= level))
         chosen = np.resize(random.permutation(there), len(self._keys))
         return self._paths[chosen], self._heights[chosen]
 
 
-Keep = Callable[[np.ndarray, np.ndarray], None]  # is given paths (n, size) and how high they come (n)
+Keep = Callable[[np.ndarray, np.ndarray], None]  # called with paths (n, size) and the heights that they reach (n)
 
 
 def _parts(n: int, size: int) -> list[slice]:
-    """Return the parts of n paths that are run together."""
+    """Return the slices of n paths that run together."""
     at_once = max(AT_ONCE // max(size, 1), 1)
     return [slice(at, min(at + at_once, n)) for at in range(0, n, at_once)]
 
 
 def _first(run: Heights, paths: int, size: int, keep: Keep, random: np.random.Generator) -> np.ndarray:
-    """Run so many new paths; return how high they come (n)."""
+    """Run `paths` new paths; return the heights that they reach (n)."""
     heights = np.empty(paths)
     for part in _parts(paths, size):
         new = independent_paths(part.stop - part.start, size, random)
@@ -135,7 +136,7 @@ def _first(run: Heights, paths: int, size: int, keep: Keep, random: np.random.Ge
 
 
 class _Above(NamedTuple):
-    """The paths' heights (n), the share of each step that was taken, and b of each kind of step."""
+    """The paths' heights (n), the share of chains that accepted each step, and b of each kind of step."""
 
     heights: np.ndarray
     accepted: list[float]
@@ -151,7 +152,7 @@ def _chains(
     keep: Keep,
     random: np.random.Generator,
 ) -> _Above:
-    """Run a chain from each start, at a level or above; unless it is fixed, b is adapted on the way and averaged."""
+    """Run a chain from each start, at a level or above; unless `fixed`, b is adapted on the way and averaged."""
     (paths, heights), accepted = starts, list[float]()
     used: tuple[list[float], list[float]] = [b[0]], [b[1]]
     keep(paths, heights)
@@ -176,12 +177,12 @@ def _chains(
 
 
 def most_levels(least: float) -> int:
-    """Return the number of levels that lead to a probability [1]."""
+    """Return the number of levels down to the probability `least` [1]."""
     return math.ceil(math.log(least) / math.log(KEPT) - 1e-9)
 
 
 def flights_of(levels: int, paths: int) -> int:
-    """Return the number of paths that a climb over a number of levels runs."""
+    """Return the number of paths that a climb over `levels` runs, with `paths` at each level."""
     return paths + levels * (paths - paths // CHAIN)
 
 
@@ -194,12 +195,11 @@ def plan_climb(
     least: float = LEAST,
     progress: Callable[[int], None] = lambda flights: None,
 ) -> Plan:
-    """Return levels that each keep a share KEPT of the paths, and step sizes of which a share ACCEPTED is taken.
+    """Return levels that each keep a share KEPT of the paths, and step sizes with a share ACCEPTED of accepted steps.
 
-    It ends at the goal, how high a path must come at least, where no path comes higher any more, and where the next
-    level would be rarer than `least`, the smallest probability that is sought [1]. A path is made of `size` numbers;
-    `run` says how high each comes. There are N paths, a multiple of CHAIN; the seed is of all that is drawn, and the
-    progress is told as how many paths have run.
+    The climb ends at the goal, if no path comes higher any more, or if the next level would be rarer than `least`, the
+    smallest probability sought [1]. run: returns the heights of paths; size: numbers of a path; goal: height to reach;
+    paths: N, a multiple of CHAIN; seed: of all random numbers; progress: called with the number of paths run so far.
     """
     random, b, flights = np.random.default_rng((seed, 0)), (ACCEPTED, ACCEPTED), 0
 
@@ -233,16 +233,16 @@ def plan_climb(
 
 
 def _quantiles(heights: np.ndarray) -> tuple[float, ...]:
-    """Return the heights that shares FIRST of the paths reach, as far as there are so many and they are finite."""
+    """Return the heights that the shares FIRST of the paths reach, if there are enough paths and they are finite."""
     ordered = np.sort(heights)
     found = [float(ordered[-int(share * len(heights))]) for share in FIRST if share * len(heights) >= 1.0]
     return tuple(height for height in found if np.isfinite(height))
 
 
 def _next_level(heights: np.ndarray, last: float) -> float | None:
-    """Return the height that KEPT of the paths reach, above the last level; None if no path is above that.
+    """Return the height that a share KEPT of the paths reach, above the last level; None if no path is above it.
 
-    Where many paths are equally high it is the next height above them, which fewer reach.
+    If many paths are equally high, it is the next height above them, which fewer paths reach.
     """
     level = float(np.sort(heights)[-max(int(KEPT * len(heights)), 1)])
     if level > last and np.mean(heights >= level) <= MOST_KEPT:
@@ -254,7 +254,7 @@ def _next_level(heights: np.ndarray, last: float) -> float | None:
 
 
 def climb(run: Heights, size: int, goal: float, plan: Plan, paths: int, seed: int, repetition: int) -> Climb:
-    """Return one estimate of the probability that a path reaches the goal, without bias; arguments as plan_climb's.
+    """Return one estimate, without bias, of the probability that a path reaches the goal; arguments as in plan_climb.
 
     Each repetition of each seed has noise of its own.
     """

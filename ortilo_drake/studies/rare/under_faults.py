@@ -1,4 +1,4 @@
-"""A rare event with and without faults, side by side: the faults flown, and how many times as often it happens."""
+"""A rare event with and without faults, side by side: the faults flown, and the ratio of the event's probabilities."""
 
 import math
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ OWN: Final = "own"  # the faults of the scenario itself
 
 @dataclass(frozen=True)
 class Times:
-    """How many times as often an event happens as without a fault, with its 95 % interval [1].
+    """The ratio of an event's probability to that without a fault, with its 95 % interval [1].
 
-    The ratio is None if one of both probabilities is known only as a bound; low is then the least that it can be. High
-    is None for no upper end.
+    times: None if only a bound is known of one of the two probabilities; low is then the least possible ratio; high:
+    None without an upper end.
     """
 
     times: float | None
@@ -38,13 +38,13 @@ class Times:
 
 
 def times_as_often(found: Rare, without: Rare) -> Times:
-    """Return how many times as often an event happens as without a fault.
+    """Return the ratio of an event's probability p with a fault to its probability q without.
 
-    The interval of a ratio p / q from those of p and q: the distance of each end from the figure is, in the logarithm,
-    the hypotenuse of what p and q contribute to it (G. Y. Zou, A. Donner, "Construction of confidence limits about
-    effect measures: a general approach", Statistics in Medicine 27, 2008). It is meant for independent figures. Flights
-    with and without a fault share noise, which takes them up together and so makes the ratio better known than that.
-    If one of both never happened, only the ends p_low / q_high and p_high / q_low are known.
+    The interval of p / q follows from those of p and q: in the logarithm, the distance of each end from the ratio is
+    the hypotenuse of the distances of p and of q (G. Y. Zou, A. Donner, "Construction of confidence limits about effect
+    measures: a general approach", Statistics in Medicine 27, 2008). This holds for independent estimates. Flights with
+    and without a fault share noise, so both probabilities err together, and the ratio is better known than this.
+    If one of the two events never happened, only the ends p_low / q_high and p_high / q_low are known.
     """
     p, q = _share(found), _share(without)
     if min(p, q, found.low, without.low) > 0.0:
@@ -59,9 +59,10 @@ def _share(found: Rare) -> float:
 
 
 def faults_of(given: list[str], own: Scenario) -> dict[str, list[Any]]:
-    """Return lists of faults by the names that reports use, of what --fault is given beside the scenario's own.
+    """Return lists of faults by the names that reports use.
 
-    Each is a name of the catalogue, a fault in YAML, or OWN; InputError naming what is given and what is allowed.
+    given: the values of --fault, each a name of the catalogue, a fault in YAML, or OWN for the faults of the scenario
+    `own`; InputError names the value and what is allowed.
     """
     found = {text: _faults(text, own) for text in given}
     kinds = [faults[0]["kind"] for text, faults in found.items() if text != OWN]
@@ -95,7 +96,7 @@ def _faults(text: str, own: Scenario) -> list[Any]:
 
 
 def check_in_flight(scenario: Scenario, name: str) -> None:
-    """Refuse a fault that begins after the flight's end; InputError names when both are."""
+    """Raise InputError for a fault that begins after the flight's end; it names both times."""
     end = check_flyable(scenario) * scenario.h
     of = "`seconds`" if scenario.seconds is not None else f"its plan and {scenario.settle:g} s to settle"
     for fault in scenario.faults:
@@ -107,7 +108,7 @@ def check_in_flight(scenario: Scenario, name: str) -> None:
 
 
 def faults_verdict(scenario: Scenario, without: Rare, under: dict[str, Rare]) -> str:
-    """Return the verdict in one line: how often without a fault, and with each."""
+    """Return the verdict in one line: how often the event happens without a fault, and with each fault."""
     line, more = headline(scenario, without), bound_only(without)
     for name, found in under.items():
         times, known = times_as_often(found, without), " (95 %)" if bound_only(found) else ""
@@ -117,7 +118,7 @@ def faults_verdict(scenario: Scenario, without: Rare, under: dict[str, Rare]) ->
 
 
 def faults_text(scenario: Scenario, without: Rare, under: dict[str, Rare]) -> str:
-    """Return the report: the verdict, a table of all, and each one's own report."""
+    """Return the report in Markdown: the verdict, a table of all cases, and each case's own report."""
     every = {"no fault": without, **under}
     cells = [
         [name, *how_often(found), "1" if found is without else _in_words(times_as_often(found, without))]

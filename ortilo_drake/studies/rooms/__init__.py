@@ -1,1 +1,1 @@
-"""Users' rooms: checks of the file, coverage by sensors, and the places where the position gets lost."""
+"""Users' rooms: checks of the file, coverage by sensors, and the places where the position is lost."""

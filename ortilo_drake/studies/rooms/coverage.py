@@ -19,21 +19,21 @@ from ortilo_drake.studies.rooms.planned_floor import (
     worst_stretch,
 )
 
-CELLS = 4000  # of the grid, about
-FINEST = 0.1  # side of a cell, at least [m]
-SAMPLES = 400  # of the path, at most
-HEADINGS = 8  # in which landmarks are looked for, over the floor
+CELLS = 4000  # cells of the grid, about
+FINEST = 0.1  # least side of a cell [m]
+SAMPLES = 400  # places along the path, at most
+HEADINGS = 8  # headings at which landmarks are looked for, over the floor
 HEADINGS_ALONG = 24  # and along the path
 
 
 @dataclass(frozen=True)
 class Along:
-    """The coverage along the planned path, at n places p_WB [m] (n, 3), at times and distances flown since the start.
+    """The coverage at n places along the planned path, with times [s] and distances flown [m] since the start (n).
 
-    Free is from the vehicle's outline to walls, floor and ceiling [m] (n). So many anchors are in sight, with the
-    position dilution of precision [1] (n), infinite where their ranges give no position. So many landmarks are in view
-    at the heading that is flown (n), and at each of the headings [rad] (n, h). The floor is the least error of the
-    position [m] (n) with 'all' sensors, and by name without each.
+    position: p_WB [m] (n, 3); free: from the vehicle's outline to walls, floor and ceiling [m] (n); anchors: number in
+    sight (n); pdop: position dilution of precision [1] (n), infinite if the ranges give no position; landmarks: number
+    in view at the heading flown (n), and at each of the headings [rad] (n, h); floor: the least error of the position
+    [m] (n) with 'all' sensors, and by the name of each sensor left out.
     """
 
     time: np.ndarray
@@ -50,11 +50,11 @@ class Along:
 
 @dataclass(frozen=True)
 class OverFloor:
-    """The coverage over the floor at one height [m], on a grid; rows are y (r), columns x (c), the cells' middles [m].
+    """The coverage over the floor at one height [m], on a grid of cells with middles x (c) and y (r) [m].
 
-    Free is whether nothing of that height stands there (r, c). So many anchors are in sight, with the position dilution
-    of precision [1] (r, c), infinite where their ranges give no position, and so many landmarks in view at each heading
-    [rad], the first the one that is flown (h, r, c).
+    free: whether nothing stands there at this height (r, c); anchors: number in sight (r, c); pdop: position dilution
+    of precision [1] (r, c), infinite if the ranges give no position; headings: [rad], first the one flown (h);
+    landmarks: number in view at each heading (h, r, c).
     """
 
     height: float
@@ -69,9 +69,9 @@ class OverFloor:
 
 @dataclass(frozen=True)
 class Case:
-    """The floor with all sensors, or without one: greatest [m], when [s] and where on the way [m].
+    """The greatest floor of the position's error with all sensors, or without one [m], its time [s] and way flown [m].
 
-    Three sigma of it first reach a wall, floor or ceiling at lost_at [s]; None if they never do.
+    lost_at: the time when three sigma of the floor first reach a wall, floor or ceiling [s]; None if they never do.
     """
 
     floor: float
@@ -84,9 +84,9 @@ class Case:
 class Coverage:
     """The coverage of a room: how well a vehicle can know its position there, along its path and over the floor.
 
-    The answer says in a sentence or two where the room loses the vehicle, and on which sensor that hangs. The worst
-    stretch is in ticks of the control clock, its times are in s. The cases are the floor with 'all' sensors, and by
-    name without each.
+    answer: a sentence or two on where the room loses the vehicle, and which sensor decides this; worst: the worst
+    stretch, in ticks of the control clock; worst_times: its first and last time [s]; cases: the greatest floor with
+    'all' sensors, and by the name of each sensor left out.
     """
 
     scenario: str
@@ -102,8 +102,8 @@ class Coverage:
 def coverage(scenario: Scenario, progress: Callable[[float], None] = lambda share: None) -> Coverage:
     """Return the coverage of a scenario's room, along a path that is planned before the flight; tell the share done.
 
-    Walls take the sight of anchors unless the scenario has radio pass them (uwb.walls none); uwb.max_distance holds.
-    InputError if there is no path, or the errors of the camera's detector have not been measured.
+    Walls hide anchors unless the scenario lets radio pass them (uwb.walls none); uwb.max_distance limits the sight.
+    InputError if there is no path, or if the errors of the camera's detector have not been measured.
     """
     flight = planned_flight(scenario)
     found = floors(scenario, flight.truth)
@@ -164,7 +164,7 @@ def over_floor(
 
 
 def _answer(scenario: Scenario, worst: Stretch, cases: dict[str, Case], distance: np.ndarray, time: np.ndarray) -> str:
-    """Return the place at which the room loses the vehicle, and the sensor that decides it."""
+    """Return a sentence or two: where the room loses the vehicle, and which sensor decides this."""
     metres = f"{distance[worst.first]:.1f} to {distance[worst.last]:.1f} m of the way"
     seconds = f"{time[worst.first]:.1f} to {time[worst.last]:.1f} s"
     measure = "measures" if len(worst.silent) == 1 else "measure"
@@ -180,7 +180,7 @@ def _answer(scenario: Scenario, worst: Stretch, cases: dict[str, Case], distance
 
 
 def _tells(scenario: Scenario, flight: PlannedFlight, along: Along) -> dict[str, np.ndarray]:
-    """Return for each sensor in which ticks a message arrives that tells something (n)."""
+    """Return by sensor the mask of ticks at which an informative message arrives (n)."""
     there = {measuring("anchors"): along.anchors > 0, measuring("landmarks"): along.landmarks > 0}
     nearest = np.abs(flight.time[:, np.newaxis] - along.time).argmin(axis=1)
     return {

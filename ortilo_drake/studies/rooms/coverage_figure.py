@@ -22,24 +22,24 @@ from ortilo_drake.views.pictures import save_picture
 from ortilo_drake.views.room_plan import STYLE, draw_fabric
 from ortilo_drake.views.themes import add_title, for_slides
 
-_LOST, _WORST = "#D00000", "#E69F00"  # the worst stretch where the room loses the vehicle, and where it does not
+_LOST, _WORST = "#D00000", "#E69F00"  # colours of the worst stretch if the room loses the vehicle there, and if not
 _WITHOUT = COLOR | {"altimeter": "#E69F00"}
-_NOTHING = "#D9D9D9"  # where the ranges give no position, or nothing is in sight
+_NOTHING = "#D9D9D9"  # colour where the ranges give no position, or nothing is in sight
 _PDOP = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 _WIDE = 2.5  # a room longer than this many times its width has its maps one above another
-_WIDTH, _ROW = 13.0, 3.0  # of the figure, and of its lower rows [in]
-_SLIDE_WIDTH, _SLIDE_HEIGHT = 8.6, 4.7  # of all maps on a slide, and of a slide without title and caption [in]
+_WIDTH, _ROW = 13.0, 3.0  # width of the figure, and height of its lower rows [in]
+_SLIDE_WIDTH, _SLIDE_HEIGHT = 8.6, 4.7  # width of all maps on a slide, and height of a slide without text [in]
 
 
 def coverage_figure(found: Coverage, room: Room, file: Path) -> Path:
-    """Draw a room's coverage to a file; see draw_coverage."""
+    """Draw a room's coverage to a file, see draw_coverage, and return the file's path."""
     return save_picture(draw_coverage(found, room), file)
 
 
 def draw_coverage(found: Coverage, room: Room) -> Figure:
-    """Return maps of anchors in sight, their dilution and landmarks in view, and the floor along the path.
+    """Return the figure with maps of anchors in sight, their dilution and landmarks in view, and the floor on the path.
 
-    Without a camera, or in a room without any, there are no landmarks; on a slide they are not shown by heading.
+    Without a camera, or in a room without landmarks, no landmarks are shown; a slide does not show them by heading.
     """
     sides = np.subtract(room.interior.max, room.interior.min)[:2]
     wide = not for_slides() and bool(sides[0] > _WIDE * sides[1])
@@ -51,7 +51,7 @@ def draw_coverage(found: Coverage, room: Room) -> Figure:
     high = rows * min(max((_WIDTH / columns - 0.7) * sides[1] / sides[0] + (0.4 if wide else 1.3), 1.8), 8.0)
     with mpl.rc_context(STYLE):
         figure = ShownFigure(figsize=(_WIDTH, high + strips), layout="constrained")
-        if for_slides():  # the maps' panel: a map's height and its labels, title and bar; the curves get the rest
+        if for_slides():  # the maps get a map's height with labels, title and bar; the curves get the rest
             high = min(_SLIDE_WIDTH / columns * sides[1] / sides[0] + 1.35, 0.65 * _SLIDE_HEIGHT)
             strips = _SLIDE_HEIGHT - high
         parts: Any = figure.subfigures(2, 1, height_ratios=[high, strips])
@@ -138,7 +138,7 @@ def _draw_floor(axes: Axes, found: Coverage) -> None:
     along, finding = found.along, {measuring("anchors"), measuring("landmarks")}
     for name, rows in along.floor.items():
         whole = name == ALL
-        if not set(along.floor) - {ALL, name} & finding:  # what is left finds no position, it only carries the first on
+        if not set(along.floor) - {ALL, name} & finding:  # the other sensors find no position, they only propagate it
             continue
         label = "all sensors" if whole else f"without {name}"
         color = "k" if whole else _WITHOUT.get(name, "#999999")

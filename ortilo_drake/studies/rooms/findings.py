@@ -1,4 +1,4 @@
-"""Findings about a room that loads: its properties, and likely mistakes, lengths that are hardly metres among them."""
+"""Findings about a valid room: its properties, and likely mistakes, such as lengths that are hardly in metres."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,17 +19,17 @@ from ortilo_drake.scenario import GcsPlanner, Scenario
 from ortilo_drake.studies.rooms.in_sight import Eyes, middles
 from ortilo_drake.studies.rooms.room_scenario import room_scenario
 
-LEAST_SPREAD = 0.3  # of the anchors about their best plane, root mean square; twice that, and heights tell [m]
-_LOOKS = 400  # places that a landmark is looked for from
-_ROUNDING = 1e-6  # [m]
-_OUTER = 0.4  # outer walls stand so far outside the interior, at most [m]
-_FACE = 0.01  # what is less deep in a wall hangs on it [m]
+LEAST_SPREAD = 0.3  # least RMS distance of the anchors from their best plane; from twice that on, they tell heights [m]
+_LOOKS = 400  # places from which a landmark is looked for
+_ROUNDING = 1e-6  # places nearer than this are the same [m]
+_OUTER = 0.4  # outer walls stand at most so far outside the interior [m]
+_FACE = 0.01  # a point less deep in a wall hangs on its face [m]
 
 
 class Findings(NamedTuple):
-    """The properties of a room, and its likely mistakes: lines, each warning's beginning with the field it is about.
+    """The properties of a room and its likely mistakes, as lines; each warning begins with the field that it is about.
 
-    The path is the planned way from start to goal, if there is one.
+    path: the planned path from start to goal, None if there is none.
     """
 
     facts: list[str]
@@ -38,9 +38,9 @@ class Findings(NamedTuple):
 
 
 def anchor_spread(anchors: np.ndarray) -> np.ndarray:
-    """Return the root mean square distances of anchors (n, 3) from their middle along their main axes, falling [m] (3).
+    """Return the RMS distances of anchors (n, 3) from their middle along their main axes, in falling order [m] (3).
 
-    The last is their distance from their best plane: if it is small, a position's side of the plane is uncertain.
+    The last one is the distance from their best plane: if it is small, a position's side of the plane is uncertain.
     """
     scaled = (anchors - anchors.mean(axis=0)) / np.sqrt(len(anchors))
     return np.pad(np.linalg.svd(scaled, compute_uv=False), (0, 3))[:3]
@@ -72,7 +72,7 @@ def findings_of(scenario: Scenario) -> Findings:
     ]
     doubted, path = doubted_units(room), None
     if doubted and doubted[0].startswith("interior"):
-        return Findings(facts, doubted, None)  # what else there is to say follows from it
+        return Findings(facts, doubted, None)  # all other findings would follow from this mistake
     warnings = [*doubted, *_anchors(room, spread[2]), *([] if doubted else _places(room))]
     try:
         path = path_of(scenario)
@@ -112,7 +112,7 @@ def _anchors(room: Room, off_plane: float) -> list[str]:
 
 
 def _places(room: Room) -> list[str]:
-    """Return the things that are outside the room or in a wall, and walls whose yaw is hardly in radians."""
+    """Return lines on things outside the room or in a wall, and on walls whose yaw is hardly in radians."""
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     landmarks = [landmark.position for landmark in room.landmarks]
     given = {"anchors": room.anchors, "landmarks": landmarks, "stands": room.stands}
@@ -138,7 +138,7 @@ def _places(room: Room) -> list[str]:
 
 
 def _in_wall(room: Room, p: Sequence[float]) -> bool:
-    """Return whether a point is within a wall, and not only on its face."""
+    """Return whether a point p_W (3) [m] is within a wall, and not only on its face."""
     x, y, z = (np.asarray(p) - room.wall_boxes[:, :3]).T
     c, s = np.cos(room.wall_boxes[:, 3]), np.sin(room.wall_boxes[:, 3])
     away = np.abs(np.column_stack([c * x + s * y, c * y - s * x, z]))
@@ -146,7 +146,7 @@ def _in_wall(room: Room, p: Sequence[float]) -> bool:
 
 
 def _unseen(scenario: Scenario) -> list[str]:
-    """Return the landmarks that no vehicle in the free space can see, even if it looks their way."""
+    """Return lines on the landmarks that no vehicle in the free space can see, even if it heads towards them."""
     room, planner = scenario.load_room(), scenario.planner
     if not room.landmarks:
         return ["landmarks: none: the camera tells nothing"]
@@ -159,7 +159,7 @@ def _unseen(scenario: Scenario) -> list[str]:
     eyes, left = Eyes(scenario), set(range(len(room.landmarks)))
     for i in sorted(left):
         away = room.landmark_positions[i, :2] - np.column_stack([x[free[:, 0]], y[free[:, 1]]])
-        nearness = np.abs(np.linalg.norm(away, axis=1) - 3.0)  # three metres off is a good place to look from
+        nearness = np.abs(np.linalg.norm(away, axis=1) - 3.0)  # three metres is a good distance to look from
         for k in np.argsort(nearness):
             if i not in left:
                 break
@@ -180,7 +180,7 @@ def _point(p: object) -> str:
     return "(" + ", ".join(f"{value:.4g}" for value in np.asarray(p, dtype=float)) + ")"
 
 
-# Right values of what every room needs, for looking at the rest of a file where these are wrong.
+# Valid values of the fields that every room needs, used to check the rest of a file in which these fields are wrong.
 _ANY_ROOM = {
     "interior": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0]},
     "anchors": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
@@ -188,24 +188,24 @@ _ANY_ROOM = {
 
 
 def room_problems(path: Path) -> list[str]:
-    """Return a line for each thing that is wrong with a room file: file, field, value and what is allowed.
+    """Return a line for each error in a room file: file, field, value and what is allowed.
 
-    InputError if the file cannot be read or is no YAML.
+    InputError if the file cannot be read or is not YAML.
     """
     data = parse_room(read_text(path), str(path))
     return [one_line(f"{path}: {line}") for line in all_problems(Room, data, _ANY_ROOM)]
 
 
 UNITS: Final = {"feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001, "kilometres": 1000.0}
-SIDES, HEIGHTS = (1.5, 300.0), (1.5, 30.0)  # of what is taken for a room as it stands [m]
-_WITHIN, _AS_HIGH = (2.0, 100.0), (2.0, 6.0)  # of what another unit must make of it [m]
-_IN_FEET = (7.0, 11.0)  # a hall is as high, and a room of so many feet [m]
-_NO_SLIP = 0.05  # of the room's side: a place nearer to its origin in another unit may be a slip as well
-_STANDS = 0.3  # what begins lower stands on the floor [m]
+SIDES, HEIGHTS = (1.5, 300.0), (1.5, 30.0)  # sides and heights of a plausible room [m]
+_WITHIN, _AS_HIGH = (2.0, 100.0), (2.0, 6.0)  # sides and heights that a room must have in another unit [m]
+_IN_FEET = (7.0, 11.0)  # heights of a hall in metres, and of a usual room in feet
+_NO_SLIP = 0.05  # share of the room's side; nearer to its origin in another unit, a place may be a slip as well
+_STANDS = 0.3  # a thing whose underside is lower stands on the floor [m]
 
 
 def doubted_units(room: Room) -> list[str]:
-    """Return a line for each group of lengths that are hardly metres, beginning with the field; none if all may be."""
+    """Return a line for each group of lengths that are hardly in metres, beginning with the field."""
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     size = high - low
     unit = _unit_of(room, size)
@@ -236,7 +236,7 @@ def _is_room(size: np.ndarray) -> bool:
 
 
 def _coordinates(room: Room) -> dict[str, np.ndarray]:
-    """Return the coordinates of all that is placed in a room, by field."""
+    """Return the coordinates of all things placed in a room, by field (n, 2 or 3)."""
     ends = [*(room.start or ()), *(room.goal or ())]
     found = {
         "anchors": room.anchor_positions,
@@ -250,7 +250,7 @@ def _coordinates(room: Room) -> dict[str, np.ndarray]:
 
 
 def _outside(p: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
-    """Say that a place is outside the interior, and ask for the metric unit in which it would be well within."""
+    """Return the words that a place is outside the interior, and a question for a unit in which it would be inside."""
     asked = ""
     for unit in ("centimetres", "millimetres"):
         there = p * UNITS[unit]
@@ -261,13 +261,13 @@ def _outside(p: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
 
 
 def _is_scaled(values: np.ndarray, farthest: float, factor: float) -> bool:
-    """Return whether places lie over the interior as it stands, rather than in a corner of it."""
+    """Return whether places have the interior's own unit, instead of metres already, by how far they reach."""
     reach = float(np.abs(values).max())
     return reach > farthest * np.sqrt(factor) if factor < 1.0 else reach < farthest * np.sqrt(factor)
 
 
 def _anchors_alone(room: Room, low: np.ndarray, high: np.ndarray) -> list[str]:
-    """Return a line if most anchors are outside, and all would be within if they were in another unit."""
+    """Return a line if most anchors are outside the interior, and in another unit all would be inside."""
     anchors = room.anchor_positions
 
     def within(p: np.ndarray) -> np.ndarray:

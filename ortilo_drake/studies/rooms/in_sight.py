@@ -1,12 +1,12 @@
 """Measurements possible at a place: anchors in sight, the dilution of their ranges, landmarks in view.
 
-With unit vectors u_i from the place to the n anchors in sight as the rows of G (n x 3), ranges of equal and independent
-errors sigma give a position of covariance sigma^2 (G^T G)^-1. The position dilution of precision is the root of its
-trace over sigma,
+With unit vectors u_i from the place to the n anchors in sight as the rows of G (n x 3), ranges with independent errors
+of the same sigma give a position of covariance sigma^2 (G^T G)^-1. The position dilution of precision is the root of
+this covariance's trace over sigma,
 
     PDOP = sqrt(trace((G^T G)^-1)),
 
-at best 3 / sqrt(n), where the anchors are spread alike over all directions (Kaplan and Hegarty, "Understanding GPS",
+at best 3 / sqrt(n), if the anchors are spread evenly over all directions (Kaplan and Hegarty, "Understanding GPS",
 2017, section 11.2, without the clock: a range here is two-way).
 """
 
@@ -20,14 +20,14 @@ from ortilo_drake.sensors.information_camera import camera_tables
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up
 from ortilo_drake.world.sensors.landmark_view import DISTANCE, INSIDE, LANDMARK, VISIBLE, landmark_views, surroundings
 
-SEEN = 0.5  # a landmark is in view where the detector finds it in at least this share of pictures [1]
-_FLAT = 1e-9  # the least eigenvalue of G^T G, of which n / 3 is the mean, that counts as more than rounding
+SEEN = 0.5  # a landmark is in view if the detector finds it in at least this share of pictures [1]
+_FLAT = 1e-9  # smaller eigenvalues of G^T G count as rounding; their mean is n / 3
 
 
 def anchors_in_sight(points: np.ndarray, room: Room, max_distance: float, walls_block: bool) -> np.ndarray:
-    """Return a mask of the anchors in sight of each point p_W (n, 3) [m] (n, anchors), those within a distance [m].
+    """Return a mask of the anchors in sight of each point p_W (n, 3) [m] (n, anchors): within max_distance [m].
 
-    Walls may block the sight, but for the one that holds the anchor.
+    Walls may block the sight, except the wall that holds the anchor.
     """
     seen = np.linalg.norm(points[:, np.newaxis] - room.anchor_positions, axis=2) <= max_distance
     if walls_block and len(room.wall_boxes):
@@ -37,9 +37,9 @@ def anchors_in_sight(points: np.ndarray, room: Room, max_distance: float, walls_
 
 
 def dilution(points: np.ndarray, anchors: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the position dilution of precision at points p_W (n, 3) of anchors p_W (m, 3) [m] in sight (n, m) [1] (n).
+    """Return the position dilution of precision (n) at points p_W (n, 3) [m]; infinite if ranges give no position.
 
-    It is infinite where the ranges give no position.
+    anchors: p_W (m, 3) [m]; seen: the mask of anchors in sight (n, m).
     """
     away = anchors - points[:, np.newaxis]
     distance = np.linalg.norm(away, axis=2, keepdims=True)
@@ -50,7 +50,7 @@ def dilution(points: np.ndarray, anchors: np.ndarray, seen: np.ndarray) -> np.nd
 
 
 def middles(low: np.ndarray, high: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return the middles of equal cells between low and high, along each axis."""
+    """Return the middles of equal cells between low and high along each axis, `counts` cells on each."""
     return tuple(a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(low, high, counts, strict=True))
 
 
@@ -64,9 +64,10 @@ class Eyes:
         self._tables: Tables | None = camera_tables(scenario, self.room)
 
     def in_view(self, point: np.ndarray, yaw: float) -> np.ndarray:
-        """Return the numbers of the landmarks in view (k), of a level vehicle at p_WB (3) [m] that heads yaw [rad].
+        """Return the indices of the landmarks in view (k) of a level vehicle at p_WB (3) [m] with heading yaw [rad].
 
-        Where the detector's errors have not been measured, those are that are inside the image and not half hidden.
+        If the detector's errors have not been measured, these are the landmarks at least half inside the image and
+        half visible.
         """
         x = np.zeros(N_X)
         x[:3], x[5] = point, yaw

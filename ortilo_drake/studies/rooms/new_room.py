@@ -1,7 +1,7 @@
-"""The text of a new room file, with comments for whoever goes on with it, and the layout of the new room.
+"""The text of a new room file, with comments for its editor, and the layout of the new room.
 
-Anchors are around its walls, landmarks beside the way through it and at its end. The floor is [0, x] times [0, y]. The
-camera looks along W's x axis (servo.yaw), so the way leads from low to high x, and there are landmarks beyond its end.
+Anchors are around the walls, landmarks beside the way through the room and beyond the way's end. The floor is [0, x]
+times [0, y]. The camera looks along W's x axis (servo.yaw), so the way leads from low to high x.
 """
 
 import math
@@ -14,15 +14,15 @@ from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.inputs.numbers import decimal
 from ortilo_drake.model.room import MAX_ANCHORS, load_room
 
-MARGIN = 0.2  # of an anchor from walls, floor and ceiling [m]
+MARGIN = 0.2  # distance of an anchor from walls, floor and ceiling [m]
 STAND = 0.86  # height of a stand [m]
-ASIDE = 2.3  # of a landmark from the way where there is room [m]
-LEAST_ASIDE = 0.95  # no landmark stands nearer [m]
-STEP = 3.0  # at most, between landmarks along the way [m]
-_APART = 0.8  # landmarks, at least [m]
-_AT_WALL = 0.4  # of a landmark's centre from a wall [m]
+ASIDE = 2.3  # distance of a landmark from the way if there is room [m]
+LEAST_ASIDE = 0.95  # least distance of a landmark from the way [m]
+STEP = 3.0  # largest distance between landmarks along the way [m]
+_APART = 0.8  # least distance between landmarks [m]
+_AT_WALL = 0.4  # distance of a landmark's centre from a wall [m]
 
-# Class, and whether it is put on a stand; the classes of the detector that is shipped, those in turn that differ.
+# Class of the shipped detector, and whether it stands on a stand; successive classes look different.
 _BESIDE = (
     ("fire hydrant", False),
     ("person", False),
@@ -36,9 +36,9 @@ _BEYOND = (("potted plant", True), ("person", False), ("clock", False), ("chair"
 
 
 class Placed(NamedTuple):
-    """A landmark to be: its class, its centre's x and y [m], and the height of what it stands on [m].
+    """A planned landmark: its class, its centre's x and y [m], and the height of its underside [m].
 
-    That is None where it hangs on a wall.
+    bottom is None for a landmark that hangs on a wall.
     """
 
     label: str
@@ -48,16 +48,16 @@ class Placed(NamedTuple):
 
 
 def way(x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return start and goal (2 each) [m] of a way through a room of x by y [m]."""
+    """Return start and goal (2 each) [m] of a way through a room with sides x and y [m]."""
     first, last = min(1.2, x / 4.0), x - max(1.2, min(2.5, 0.35 * x))
     aside = max(0.0, min(y / 6.0, y / 2.0 - 1.6, (last - first) / 4.0))
     return np.array([first, y / 2.0 - aside]), np.array([last, y / 2.0 + aside])
 
 
 def place_anchors(size: tuple[float, float, float], count: int) -> np.ndarray:
-    """Return p_W (count, 3) [m] of anchors around the walls of a room, low and high by turns.
+    """Return p_W (count, 3) [m] of anchors around the walls of a room, high and low by turns.
 
-    The first four stand in the corners; each further one goes to the middle of the longest gap along the walls.
+    The first four are in the corners; each further anchor is in the middle of the longest gap along the walls.
     """
     x, y, z = (side - 2.0 * MARGIN for side in size)
     corners = [0.0, x, x + y, 2.0 * x + y]
@@ -76,9 +76,9 @@ def place_anchors(size: tuple[float, float, float], count: int) -> np.ndarray:
 
 
 def place_landmarks(size: tuple[float, float, float], start: np.ndarray, goal: np.ndarray) -> list[Placed]:
-    """Return landmarks of a room: on both sides of the way by turns, and in a row at the wall beyond its end.
+    """Return landmarks of a room: on both sides of the way by turns, and in a row at the wall beyond the way's end.
 
-    The room's length, width and height, and the way's start and goal (x, y) are in m.
+    size: length, width and height of the room [m]; start, goal: of the way (2 each) [m].
     """
     x, y, _ = size
     found = []
@@ -98,7 +98,7 @@ def place_landmarks(size: tuple[float, float, float], start: np.ndarray, goal: n
         bottom = None if hangs else STAND if stands else 0.0
         found.append(Placed(label, x - (0.06 if hangs else _AT_WALL), middle + across, bottom))
     kept: list[Placed] = []
-    for placed in reversed(found):  # those beyond the way's end first
+    for placed in reversed(found):  # landmarks beyond the way's end first
         p = np.array([placed.x, placed.y])
         alone = all(np.hypot(placed.x - other.x, placed.y - other.y) >= _APART for other in kept)
         if alone and np.linalg.norm(_to_way(p, start, goal)) >= LEAST_ASIDE:
@@ -113,14 +113,14 @@ def _to_way(p: np.ndarray, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
     return np.asarray(p - start - t * d)
 
 
-SMALLEST = (3.0, 3.0, 2.0)  # [m]
-LARGEST = (100.0, 100.0, 20.0)  # [m]: what the planner searches for a way
-_OFF_WALL = 0.3  # of a landmark's middle from a wall within the room, at least [m]
-_CLOCK = 0.4  # of the clock's middle below the ceiling, at most 2.2 m high [m]
+SMALLEST = (3.0, 3.0, 2.0)  # least length, width and height [m]
+LARGEST = (100.0, 100.0, 20.0)  # largest ones, in which the planner searches for a way [m]
+_OFF_WALL = 0.3  # least distance of a landmark's middle from a wall within the room [m]
+_CLOCK = 0.4  # distance of the clock's middle from the ceiling; the clock is at most 2.2 m high [m]
 
 
 def parse_size(text: str) -> tuple[float, float, float]:
-    """Return length, width and height [m] of a text such as '8x6x3'; InputError naming what is allowed."""
+    """Return length, width and height [m] from a text such as '8x6x3'; InputError names what is allowed."""
     allowed = "must read LENGTHxWIDTHxHEIGHT in metres, such as 8x6x3"
     words = re.split("[x×X]", text)
     try:
@@ -132,7 +132,7 @@ def parse_size(text: str) -> tuple[float, float, float]:
 
 
 def check_size(source: str, size: tuple[float, float, float]) -> None:
-    """Refuse a room that is too small to fly in or too large to plan in; InputError, which begins with the source."""
+    """Raise InputError, beginning with `source`, for a room too small to fly in or too large to plan in."""
     for name, side, low, high in zip(("length", "width", "height"), size, SMALLEST, LARGEST, strict=True):
         if not (math.isfinite(side) and low <= side <= high):
             raise InputError(f"{source}: its {name}, {side:g} m, must be {low:g} to {high:g} m")
@@ -146,11 +146,11 @@ def new_room(
     ends: tuple[np.ndarray, np.ndarray] | None = None,
     corner: np.ndarray | None = None,
 ) -> str:
-    """Return the text of a new room file, of a room with a name, a length, width and height [m] and so many anchors.
+    """Return the text of a new room file; size: length, width and height of the room [m]; anchors: their number.
 
-    Walls within it have x, y of the middle, length along x and along y [m] (n, 4). The ends, start and goal (2 each)
-    [m], are from the lower left corner, as the walls; by default through the middle. That corner is at x, y [m] (2), by
-    default (0, 0). InputError if there are too few or too many anchors.
+    walls: inner walls, x, y of the middle, length along x and along y [m] (n, 4); ends: start and goal (2 each) [m], by
+    default through the middle; both count from the lower left corner; corner: this corner's x, y [m] (2), by default
+    (0, 0). InputError if there are too few or too many anchors.
     """
     if not 3 <= anchors <= MAX_ANCHORS:
         raise InputError(f"--anchors: {anchors}: must be 3 to {MAX_ANCHORS}")

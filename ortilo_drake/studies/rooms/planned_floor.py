@@ -1,4 +1,4 @@
-"""The Cramer-Rao floor along a planned path, with all sensors and with each of them lost in turn."""
+"""The Cramer-Rao floor along a planned path, with all sensors, and without each sensor in turn."""
 
 from typing import NamedTuple
 
@@ -13,15 +13,15 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.tube.tube import planned_reference
 
 ALL = "all"
-WORST = 0.8  # of the greatest floor: what is above this belongs to the worst stretch
-SIGMAS = 3.0  # of the floor that are to fit into the free room
-NEEDED = 1.1  # by which the loss of a sensor must raise the floor for a stretch to hang on it
+WORST = 0.8  # a floor above this share of the greatest belongs to the worst stretch
+SIGMAS = 3.0  # so many times the floor must fit into the free room
+NEEDED = 1.1  # a sensor decides a stretch if its loss raises the floor by at least this factor
 
 
 class PlannedFlight(NamedTuple):
     """A path as it is planned, at every tick: times [s] (n), and the distance flown since the start [m] (n).
 
-    The truth are states, position and velocity the path's, roll and pitch as its acceleration needs (n, 12); free is
+    truth: states with the path's position and velocity, and roll and pitch for its acceleration (n, 12); free: distance
     from the vehicle's outline to walls, floor and ceiling [m] (n).
     """
 
@@ -32,7 +32,7 @@ class PlannedFlight(NamedTuple):
 
 
 def planned_flight(scenario: Scenario) -> PlannedFlight:
-    """Return a scenario's path as a flight that follows it without error; InputError if there is none."""
+    """Return a flight that follows the scenario's path without error; InputError if there is no path."""
     time, truth = planned_truth(scenario)
     ticks = max(len(time) - round(scenario.settle * scenario.control_rate), 2)
     p = truth[:ticks, :3]
@@ -41,7 +41,7 @@ def planned_flight(scenario: Scenario) -> PlannedFlight:
 
 
 def planned_truth(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
-    """Return t_k (n) and the states (n, 12) of a flight that follows its plan, then settles; InputError as above."""
+    """Return t_k [s] (n) and states (n, 12) of a flight that follows its plan, then settles; InputError without one."""
     time, reference = planned_reference(scenario)
     p, v, a = (reference[:, 3 * i : 3 * i + 3] for i in range(3))
     yaw = scenario.yaw
@@ -55,9 +55,9 @@ def planned_truth(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
 
 
 def free_room(scenario: Scenario, points: np.ndarray) -> np.ndarray:
-    """Return the distance of the outline to walls, floor and ceiling at points p_WB (n, 3) [m] (n), at least 0.
+    """Return the distance from the outline to walls, floor and ceiling at points p_WB (n, 3) [m] (n), at least 0.
 
-    Those alone end a flight (flight/lost.py); furniture is flown around, but to touch it is not to be lost.
+    Only these end a flight (flight/lost.py); paths avoid furniture, but touching it is no loss.
     """
     room, radius = scenario.load_room(), scenario.vehicle.radius
     space = free_space(room, 0.0, radius, 0.0, 0.0)
@@ -68,15 +68,15 @@ def free_room(scenario: Scenario, points: np.ndarray) -> np.ndarray:
 
 
 def without_sensor(scenario: Scenario, sensor: str) -> Scenario:
-    """Return the scenario with none of a sensor's messages."""
+    """Return the scenario without one of its sensors."""
     return scenario.model_copy(update={"sensors": tuple(name for name in scenario.sensors if name != sensor)})
 
 
 def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the floor of the position's error at every tick [m] (n) with all sensors, and without each.
+    """Return the floor of the position's error at every tick [m] (n) with all sensors, and without each sensor.
 
-    It is the root of the three axes' bounds together at states (n, 12), sqrt(E |p_hat - p|^2) at best. See
-    floor/cramer_rao.py. InputError if the errors of the camera's detector have not been measured.
+    truth: states (n, 12). The floor is the root of the sum of the three axes' bounds, the least sqrt(E |p_hat - p|^2);
+    see floor/cramer_rao.py. InputError if the errors of the camera's detector have not been measured.
     """
     cases = {ALL: scenario} | {sensor: without_sensor(scenario, sensor) for sensor in scenario.sensors}
     found = {}
@@ -92,8 +92,8 @@ def floors(scenario: Scenario, truth: np.ndarray) -> dict[str, np.ndarray]:
 class Stretch(NamedTuple):
     """The stretch of the way where the floor is worst, from its first tick to its last, with its greatest floor [m].
 
-    It hangs on the sensor whose loss raises that most, to floor_without [m]; None if none does by much. Sensors that
-    tell nothing in it are silent.
+    hangs_on: the sensor whose loss raises this floor most, to floor_without [m], None if no loss raises it much;
+    silent: the sensors that tell nothing in the stretch.
     """
 
     first: int
@@ -105,9 +105,9 @@ class Stretch(NamedTuple):
 
 
 def worst_stretch(found: dict[str, np.ndarray], tells: dict[str, np.ndarray]) -> Stretch:
-    """Return the stretch around the greatest floor in which the floor is at least WORST times it.
+    """Return the stretch around the greatest floor in which the floor is at least WORST times the greatest.
 
-    By name there are the floors found and whether each sensor tells something (n each).
+    found: the floors by name (n each); tells: by sensor, the ticks at which it tells something (n each).
     """
     floor = found[ALL]
     peak = int(np.argmax(floor))
@@ -115,7 +115,7 @@ def worst_stretch(found: dict[str, np.ndarray], tells: dict[str, np.ndarray]) ->
     first = int(np.max(below[below < peak], initial=-1)) + 1
     last = int(np.min(below[below > peak], initial=len(floor))) - 1
     without = {name: float(rows[first : last + 1].max()) for name, rows in found.items() if name != ALL}
-    # The floor is of what is known before a tick's own messages: the last tick's may end the stretch.
+    # The floor holds before a tick's own messages: those of the last tick may end the stretch, so they do not count.
     silent = tuple(sensor for sensor, rows in tells.items() if not rows[first : max(last, first + 1)].any())
     name = max(without, key=lambda sensor: without[sensor], default=None)
     if name is None or without[name] < NEEDED * floor[peak]:

@@ -1,15 +1,15 @@
 """Floor plans, and walls traced over them as rectangles along their sides.
 
-A plan is a picture of dark walls on light paper, or an occupancy grid as ROS's map_server keeps it: a picture and a
-.yaml beside it (wiki.ros.org/map_server) with `resolution` metres a pixel, `origin` of the lower left pixel in the
-map's frame, and p, how surely a pixel of value v is occupied: (255 - v) / 255, v / 255 where `negate` is set, v / 100
-in mode `raw`. It is a wall where p > occupied_thresh, and free where p < free_thresh.
+A plan is a picture of dark walls on light paper, or an occupancy grid of ROS's map_server: a picture and a .yaml beside
+it (wiki.ros.org/map_server) with `resolution` in metres a pixel and `origin` of the lower left pixel in the map's
+frame. The probability p that a pixel of value v is occupied is (255 - v) / 255, or v / 255 with `negate`, or v / 100 in
+mode `raw`. A pixel is a wall if p > occupied_thresh, and free if p < free_thresh.
 
-Wall pixels are those of the plan, once a morphological opening (Serra, "Image Analysis and Mathematical Morphology",
-1982) has taken away what is too thin. They are cut into rectangles row by row: a run of them that goes on in the next
-row, at the same columns to a pixel, goes on as the same rectangle. The same is done column by column, and the fewer
-rectangles are kept, but for spots. A wall at an angle to the picture's sides becomes many small ones, or none. Where a
-pixel is as wide as the thinnest wall, as the 5 cm cells of a robot's map are, nothing is too thin.
+First, a morphological opening (Serra, "Image Analysis and Mathematical Morphology", 1982) removes wall pixels that are
+too thin. The others are cut into rectangles row by row: a run that continues in the next row, at the same columns to a
+pixel, continues the same rectangle. The same is done column by column, and the smaller set of rectangles is kept,
+without spots. A wall at an angle to the picture's sides becomes many small rectangles, or none. If a pixel is as wide
+as the thinnest wall, like the 5 cm cells of a robot's map, nothing is too thin.
 """
 
 import io
@@ -27,17 +27,17 @@ from ortilo_drake.model.optional import later
 from ortilo_drake.model.room import MAX_OBSTACLES, MAX_PIXELS
 from ortilo_drake.model.typed_yaml import FileName, Frozen, InputError, Positive, load_yaml
 
-_LARGEST = 256 * MIB  # of a picture's file: MAX_PIXELS of 16 bit in four channels take half of it
-_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")  # .pgm is of Pillow's PPM
+_LARGEST = 256 * MIB  # largest picture's file: MAX_PIXELS of 16 bit in four channels take half of this
+_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")  # Pillow's PPM includes .pgm
 Threshold = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class FloorPlan(NamedTuple):
     """The drawing over which walls are traced, row by row from the top.
 
-    A pixel is a wall (h, w), or known to be none, free (h, w); of a picture whatever is no wall. The scale is in pixels
-    a metre, the corner x, y of the lower left one in the plan's frame [m] (2). `what` makes a pixel a wall, and the
-    scale is from scaled_by, in words.
+    wall: mask of wall pixels (h, w); free: mask of pixels known to be no wall (h, w), in a picture all others; scale:
+    pixels a metre; corner: x, y of the lower left pixel in the plan's frame [m] (2); what: when a pixel is a wall, in
+    words; scaled_by: the source of the scale, in words.
     """
 
     wall: np.ndarray
@@ -65,8 +65,8 @@ class GridFile(Frozen):
 def read_plan(file: Path, scale: float | None, dark: int) -> FloorPlan:
     """Return the floor plan in a picture (PNG, PGM, BMP, JPEG or TIFF), or in the .yaml of an occupancy grid.
 
-    The scale is in pixels a metre, None for a grid, which has a resolution; a pixel of a picture is a wall if darker
-    than `dark`. InputError if it cannot be read, is too large, or its scale is given twice or not at all.
+    scale: pixels a metre, None for a grid, which has a resolution; dark: a picture's pixel is a wall if darker than
+    this. InputError if the file cannot be read or is too large, or if the scale is given twice or not at all.
     """
     if file.suffix in (".yaml", ".yml"):
         if scale is not None:
@@ -87,7 +87,7 @@ def _grid(file: Path) -> FloorPlan:
         beside = [found for end in (".pgm", ".png") if exists(found := file.with_suffix(end))]
         if not beside:
             raise InputError(f"{file}: image: {grid.image}: no such picture")
-        picture = beside[0]  # renamed together, as people do
+        picture = beside[0]  # people rename both files together and leave `image` as it was
     v = _brightness(read_picture(picture)).astype(float)
     p = v / 255.0 if grid.negate else (255.0 - v) / 255.0
     if grid.mode == "raw":
@@ -100,15 +100,15 @@ def _grid(file: Path) -> FloorPlan:
 
 
 def read_picture(file: Path) -> np.ndarray:
-    """Return a picture's pixels, grey (h, w) or red, green, blue, opacity (h, w, 4); InputError if it is none."""
+    """Return a picture's pixels, grey (h, w) or red, green, blue, opacity (h, w, 4); InputError if it is no picture."""
     data = read_bytes(file, _LARGEST)
     try:
-        Image.MAX_IMAGE_PIXELS = None  # the limit here is told in our own words
+        Image.MAX_IMAGE_PIXELS = None  # the limit below has our own message
         with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data), formats=_FORMATS) as opened:
             width, height = opened.size
             if width * height > MAX_PIXELS:
                 raise InputError(f"{file}: {width} x {height} px: must have at most {MAX_PIXELS} px")
-            opened.verify()  # the check sums of a PNG, which reading its pixels does not look at
+            opened.verify()  # checks a PNG's check sums, which reading its pixels does not
         with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data), formats=_FORMATS) as opened:
             return _values(opened)
     except InputError:
@@ -117,7 +117,7 @@ def read_picture(file: Path) -> np.ndarray:
         raise InputError(
             f"{file}: is no picture of the kinds {', '.join(_FORMATS)} (.pgm), nor a map_server .yaml"
         ) from None
-    except Exception as error:  # Pillow raises nearly any for a damaged picture
+    except Exception as error:  # Pillow raises nearly any exception for a damaged picture
         raise InputError(f"{file}: is no whole picture: {reason(error)}") from None
 
 
@@ -129,7 +129,7 @@ def _values(picture: Image.Image) -> np.ndarray:
 
 
 def _brightness(picture: np.ndarray) -> np.ndarray:
-    """Return grey values over white paper, 0 to 255, of what read_picture returns."""
+    """Return grey values over white paper, 0 to 255 (h, w), of a picture from read_picture."""
     if picture.dtype == np.uint16:
         return (picture // 257).astype(np.uint8)
     if picture.ndim == 2:
@@ -141,11 +141,11 @@ def _brightness(picture: np.ndarray) -> np.ndarray:
 
 cv2 = later("cv2")
 
-SHORTEST = 0.3  # of a wall of the least thickness [m]; what covers less is a spot
-THINNEST = 0.04  # [m], in whole pixels; thinner lines are furniture, dimensions or letters
-_JAGGED = 1  # by which an edge may go in and out from row to row [px]
-_MOST = 0.5  # share: of what is free within closed outer walls, of a line that is a wall with gaps
-_KEPT_OFF = 0.3  # of start and goal from the ends of the room, as a share of its length
+SHORTEST = 0.3  # least length of a wall of the least thickness [m]; a smaller area is a spot
+THINNEST = 0.04  # least thickness of a wall, in whole pixels; thinner lines are furniture, dimensions or letters [m]
+_JAGGED = 1  # an edge may shift by so much from row to row [px]
+_MOST = 0.5  # least share of the free space within closed outer walls, and of wall in a line that is a wall with gaps
+_KEPT_OFF = 0.3  # start and goal are in this share of the room's length at the left and at the right
 
 
 class Traced(NamedTuple):
@@ -167,8 +167,8 @@ class Traced(NamedTuple):
 
 
 def _rectangles(dark: np.ndarray) -> list[tuple[int, int, int, int]]:
-    """Return dark (h, w) cut into rectangles row by row: left, top, width and height of each [px]."""
-    found, going = [], dict[int, tuple[int, int, int]]()  # going: left, right and top of those that may go on, by left
+    """Return the mask dark (h, w) cut into rectangles row by row: left, top, width and height of each [px]."""
+    found, going = [], dict[int, tuple[int, int, int]]()  # going: left, right, top of rectangles still open, by left
     for row, line in enumerate(np.vstack([dark, np.zeros_like(dark[:1])])):
         edges = np.flatnonzero(np.diff(np.pad(line, 1).astype(np.int8)))
         still = {}
@@ -184,20 +184,20 @@ def _rectangles(dark: np.ndarray) -> list[tuple[int, int, int, int]]:
 
 
 def thinnest(scale: float) -> int:
-    """Return the least thickness of a wall [px] at a number of pixels a metre."""
+    """Return the least thickness of a wall [px]; scale: pixels a metre."""
     pixels = THINNEST * scale
     return max(math.ceil(pixels), 1) if pixels <= 2.0 else 2 * max(int(pixels / 2.0), 1) + 1
 
 
 def _opened(wall: np.ndarray, thin: int) -> np.ndarray:
-    """Return a mask without what is thinner than so many pixels; the rest stays where it is."""
+    """Return the mask without parts thinner than `thin` pixels; the rest does not move."""
     square, first = np.ones((thin, thin), np.uint8), thin // 2
     eroded = cv2.erode(wall.astype(np.uint8), square, anchor=(first, first))
     return np.asarray(cv2.dilate(eroded, square, anchor=(thin - 1 - first, thin - 1 - first)))
 
 
 def _is_wall(width: int, height: int, thin: int, shortest: float) -> bool:
-    """Return whether a rectangle is a wall rather than a spot, all in pixels; a pillar is one, too."""
+    """Return whether a rectangle is a wall or a pillar rather than a spot; all lengths in pixels."""
     area = width * height
     return area >= max(thin, 3) * shortest or (area >= thin * shortest and max(width, height) >= shortest)
 
@@ -221,7 +221,7 @@ def trace_plan(plan: FloorPlan) -> Traced:
     left, top, right, bottom = _within(covered, plan.free)
     size = np.array([right - left, bottom - top])
     corners = np.array([[x - left, bottom - y - h, x + w - left, bottom - y] for x, y, w, h in kept])
-    low, high = np.maximum(corners[:, :2], 0), np.minimum(corners[:, 2:], size)  # what lies within the outer walls
+    low, high = np.maximum(corners[:, :2], 0), np.minimum(corners[:, 2:], size)  # the parts within the outer walls
     within = np.hstack([(low + high) / 2, high - low])[np.all(low < high, axis=1)]
     ends = _ends(1 - covered[top:bottom, left:right])
     start, goal = (np.array([column, size[1] - row]) for column, row in ends)
@@ -233,10 +233,10 @@ def trace_plan(plan: FloorPlan) -> Traced:
 def _within(walls: np.ndarray, free: np.ndarray) -> tuple[int, int, int, int]:
     """Return left, top, right, bottom [px] of the space within the outer walls.
 
-    It is what walls enclose; of a map whose walls have gaps, what is known to be free and hangs together; of a picture
-    of such walls, what they span.
+    This is the space that walls enclose. If the walls have gaps, it is the largest connected free space of a map, or
+    the extent of the walls in a picture.
     """
-    paper = np.pad(1 - walls, 1, constant_values=1)  # a border to go around by
+    paper = np.pad(1 - walls, 1, constant_values=1)  # with a border that connects the outside
     _, regions, stats, _ = cv2.connectedComponentsWithStats(paper, connectivity=4)
     enclosed = np.isin(regions, [i for i in range(1, len(stats)) if i != regions[0, 0]])
     space = np.pad(free & (walls == 0), 1)
@@ -246,7 +246,7 @@ def _within(walls: np.ndarray, free: np.ndarray) -> tuple[int, int, int, int]:
         enclosed = regions == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
     rows, columns = np.nonzero(enclosed if enclosed.any() else np.pad(walls, 1))
     left, top, right, bottom = int(columns.min()) - 1, int(rows.min()) - 1, int(columns.max()), int(rows.max())
-    while left < right and walls[top:bottom, left].mean() > _MOST and enclosed.any():  # a gap in an outer wall
+    while left < right and walls[top:bottom, left].mean() > _MOST and enclosed.any():  # an outer wall with a gap
         left += 1
     while left < right and walls[top:bottom, right - 1].mean() > _MOST and enclosed.any():
         right -= 1
@@ -258,7 +258,7 @@ def _within(walls: np.ndarray, free: np.ndarray) -> tuple[int, int, int, int]:
 
 
 def _ends(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return column and row [px] of the roomiest places (2 each) at the left and at the right that are connected."""
+    """Return column and row [px] (2 each) of the roomiest places at the left and at the right that are connected."""
     away = cv2.distanceTransform(np.pad(free, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     _, regions = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
     width = free.shape[1]
@@ -267,7 +267,7 @@ def _ends(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     start = np.unravel_index(int(np.argmax(near if near.any() else away)), away.shape)
     reached = away * (regions == regions[start])
     far = reached * (across > 1.0 - _KEPT_OFF)
-    if reached.any() and not far.any():  # no way leads there: as far off as one leads, among the roomier places
+    if reached.any() and not far.any():  # no way leads to the right: take the farthest of the roomier places reached
         rows, columns = np.nonzero(reached >= 0.5 * reached.max())
         far[rows, columns] = np.hypot(rows - start[0], columns - start[1])
     goal = np.unravel_index(int(np.argmax(far)), far.shape)
