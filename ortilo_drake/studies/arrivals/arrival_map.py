@@ -170,7 +170,7 @@ def burst_map(
 
 
 def link_chain(uwb: Link | None, camera: Link | None, h: float) -> ArrivalChain:
-    """Return the arrival chain of uwb and camera over PATTERN_ROWS, from their links; None if a sensor does not fly.
+    """Return the arrival chain of uwb and camera over PATTERN_ROWS, from the links (None: does not fly).
 
     A mode is a tick of h [s] within the sensors' common period, times a state of each loss chain; the chains step once
     a tick. Blackouts and delays are left out.
@@ -210,7 +210,10 @@ class ArrivalReport:
 
 
 def filter_model(loop: HoverLoop, V: np.ndarray) -> Model:
-    """Return the model of a scenario's filter for the bounds; its patterns: none, uwb, camera, both, with all else."""
+    """Return the model of a scenario's filter for the bounds; its patterns: none, uwb, camera, both, with all else.
+
+    V is the covariance of all measurements that the filter gets (p x p), see hover_loop.filter_V.
+    """
     sensors, mapped = loop.measurement.sensors, loop.measurement.positions[:2]
     patterns = [[arrive[mapped.index(s)] if s in mapped else True for s in sensors] for arrive in PATTERNS]
     return check_model(Model(loop.Phi, loop.C, loop.W, V, loop.measurement.by_row(np.array(patterns))))

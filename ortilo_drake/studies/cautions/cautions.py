@@ -75,7 +75,7 @@ def tilt_sd(scenario: Scenario, disturbance: Disturbance) -> float:
 
 
 def _disturbed(scenario: Scenario, field: str, disturbance: Disturbance) -> list[str]:
-    """Return a line if a disturbance, or what the filter believes of it, is too much for the vehicle."""
+    """Return a line if a disturbance, or the one that the filter assumes, is too much for the vehicle."""
     tilt = tilt_sd(scenario, disturbance)
     if tilt <= MOST_TILT:
         return []

@@ -22,7 +22,7 @@ from ortilo_drake.views.figures import TITLE
 from ortilo_drake.views.palette import BLUE, GREEN, GREY, ORANGE, SKY, STYLE
 from ortilo_drake.views.pictures import figure_to
 
-_SMALLEST_P = 1e-16  # what double precision tells from 0
+_SMALLEST_P = 1e-16  # smallest p that is shown as a number
 
 
 def _draw_nees(axes: Axes, flights: Sequence[xr.Dataset]) -> None:

@@ -44,7 +44,7 @@ class Place(NamedTuple):
 
 
 def place_at(scenario: Scenario, t: float) -> Place:
-    """Return the planned place at t [s]; InputError if the planner is a System."""
+    """Return the Place of the planned path at t [s]; InputError if the planner is a System."""
     path, room = path_of(scenario), scenario.load_room()
     p_WB = np.array(path.value(min(t, path.end_time()))[:, 0])
     anchors = [int(i) for i in np.argsort(np.linalg.norm(room.anchor_positions - p_WB, axis=1))]

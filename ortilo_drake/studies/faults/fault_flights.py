@@ -119,7 +119,7 @@ class FaultRow:
     passed_after: bool
     """whether afterwards the error is at most 1.5 times the one without the fault."""
     passed: bool
-    """whether no flight was lost, and passed_during and passed_after."""
+    """whether no flight was lost, and passed_during and passed_after hold."""
     settings: dict[str, Any] = field(default_factory=dict)
     """the fault's entry in the scenario's list `faults`."""
 

@@ -36,11 +36,11 @@ _HEADER = [
 ]
 _MEDIANS = ["fault", "scenario", "during [mm]", "after [mm]", "during, times", "after, times"]
 _WORST = 10.0  # a larger ratio is drawn in the same colour
-_TICKS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the colour bar
+_TICKS = (1.0, 2.0, 3.0, 5.0, 10.0)  # ticks of the colour bar
 _WIDEST = 13  # most letters in a line of a column's label
-_MOST_DIGITS = 9  # of a ratio close to the limit
-_LARGEST = 14.0  # size of the figures on a slide [pt]
-_LOST = "#404040"  # where all flights are lost
+_MOST_DIGITS = 9  # most digits of a ratio close to the limit
+_LARGEST = 14.0  # largest font size of the numbers on a slide [pt]
+_LOST = "#404040"  # colour where all flights are lost
 
 
 def fault_text(found: FaultStudy) -> str:

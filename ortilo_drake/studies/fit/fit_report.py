@@ -56,7 +56,7 @@ def seen_from(file: Path, other: Path) -> str:
 
 
 def scenario_text(noise: NoiseFile, noise_file: str, base: str, below: Scenario) -> str:
-    """Return the text of a scenario with the errors of a noise file, laid over `base`, which is `below`.
+    """Return the text of a scenario with the errors of a noise file, laid over `base`; `below` is that base, loaded.
 
     It replaces the base's own errors of ranges and IMU. Files are named as the scenario must name them.
     """

@@ -19,7 +19,7 @@ from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.setups import airborne
 from ortilo_drake.studies.recorded.truth_path import antennas, covered_ranges, modelled, truth_path
 
-RATE, CUT = 200.0, 8.0  # of the even stamps, and of the filter [Hz]
+RATE, CUT = 200.0, 8.0  # rate of the even stamps, and cut-off of the filter [Hz]
 TURNS = 1e-3  # body rates are differences over this time to either side [s]
 OVER, REST_OVER, TURNS_OVER = 0.25, 0.05, 0.1  # means over this time in flight, at rest, and for the mount [s]
 FULL = 0.6  # a block counts if it has this share of the fullest block's samples

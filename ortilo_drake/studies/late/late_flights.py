@@ -20,7 +20,7 @@ ERRORS: Final = ("path_mse", "path_distance_mse", "estimation_mse")
 
 @dataclass(frozen=True)
 class LateLinks:
-    """Loss and delay of the sensors' links, all alike, and of the command link.
+    """Loss and delay of the sensors' links, the same for all, and of the command link.
 
     Messages and commands are lost independently, with these probabilities. The delays are fixed, in ticks; a sensor's
     message has an additional one, drawn uniformly up to random_delay ticks.
@@ -143,7 +143,7 @@ def mode_report(mode: str, summaries: list[Summary]) -> ModeReport:
 def paired(ours: list[Summary], theirs: list[Summary]) -> dict[str, Pairs]:
     """Compare two modes seed by seed, for each of ERRORS.
 
-    A lost flight's errors are those up to its loss, which is kind to a mode that loses flights.
+    A lost flight's errors are those up to its loss, which favours a mode that loses flights.
     """
     compared = {}
     for name in ERRORS:

@@ -3,8 +3,7 @@
 At rest Drake's Linearize is used, which refuses a point that is no equilibrium; in motion FirstOrderTaylorApproximation
 is. Both take systems with one group of discrete states and end the Python process on others. The closed loop has two
 (vehicle and filter), so one tick of the whole diagram is differentiated here in the same way, with AutoDiffXd. The
-estimator needs
-none: with its gain frozen it is affine.
+estimator needs no differentiation: with its gain frozen it is affine.
 """
 
 from typing import Any, NamedTuple

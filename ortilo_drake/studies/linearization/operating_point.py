@@ -34,7 +34,7 @@ def operating_point(
 
     The thrust carries a + g z: f_T = m |a + g z_W|, and the body's z axis points along it; at heading yaw [rad],
     R_z(-yaw) z_B = [cos phi sin theta, -sin phi, cos phi cos theta]. The model linearised at hover (kinematics
-    'linear') has x_ddot = g theta, y_ddot = -g phi and f_T = m (g + a_z) in place of that.
+    'linear') has x_ddot = g theta, y_ddot = -g phi and f_T = m (g + a_z) instead.
     """
     a = reference[6:9]
     x, u = np.zeros(N_X), np.zeros(N_U)

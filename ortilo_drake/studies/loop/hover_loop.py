@@ -119,7 +119,10 @@ def filter_V(scenario: Scenario, V: np.ndarray) -> np.ndarray:
 
 
 def force_gain(L: np.ndarray, vehicle: Vehicle, yaw: float = 0.0) -> np.ndarray:
-    """Return L_d (4 x 3) by which the servo counters a disturbance force d, u = -L_d d, under a yaw [rad]."""
+    """Return L_d (4 x 3) by which the servo counters a disturbance force d, u = -L_d d, under a yaw [rad].
+
+    At yaw 0 the servo aims at the roll d_y / (m g) and the pitch -d_x / (m g); it feeds -d_z forward (lq_servo.py).
+    """
     L_d, weight, c, s = np.zeros((N_U, 3)), vehicle.mass * GRAVITY, np.cos(yaw), np.sin(yaw)
     L_d[:, 0], L_d[:, 1] = (c * L[:, 4] + s * L[:, 3]) / weight, (s * L[:, 4] - c * L[:, 3]) / weight
     L_d[0, 2] = 1.0

@@ -33,8 +33,8 @@ class MapPoint:
     lost_high: float
     """upper end of that interval [1]."""
     rms: float | None
-    """median root mean squared error of the estimated position [m]; infinite (null in JSON) if the median is a lost
-    flight, as each lost flight is worse than any that was kept."""
+    """median root mean squared error of the estimated position [m]; infinite (null in JSON) if the median is that of a
+    lost flight, as each lost flight is worse than any that was kept."""
     rms_interval: Interval | None
     """95 % interval of rms; None for too few flights."""
     kept_rms: float | None

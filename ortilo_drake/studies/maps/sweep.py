@@ -99,7 +99,7 @@ class Until(Frozen):
     """Flights until the share of lost flights is known well enough."""
 
     half_width: Annotated[float, Field(gt=0.0, lt=0.5)]
-    """half the width of the 95 % interval of the share of lost flights that is narrow enough [1]."""
+    """half the width of the 95 % interval of the share of lost flights at which a point is done [1]."""
     at_most: Annotated[int, Field(ge=1, le=10_000_000)]
     """most flights at a point."""
 

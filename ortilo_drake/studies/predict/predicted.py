@@ -214,7 +214,7 @@ def draw_outliers(ranges: Ranges, noise: UwbNoise, rng: np.random.Generator) -> 
 def draw_errors(
     ranges: Ranges, place: np.ndarray, floor: float, noise: UwbNoise, day: Day, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return the errors of ranges and differences (m) [m]; place (m, 3) is the antenna's, floor its z [m]."""
+    """Return the errors of ranges and differences (m) [m]; place (m, 3) is the antenna's, floor the floor's z [m]."""
     noise, n, rows = noise.of_single_ranges, len(day.constants), np.arange(len(ranges.t))
     own = np.zeros((len(rows), n))
     if noise.lasting is not None:

@@ -10,7 +10,7 @@ Analysis and Its Applications, section 6.3, missing observations in 6.4). The pr
 kernel, without its integrator, which does not act on the first 12 states. The record may come from a filter with other
 W and V.
 
-A sensor whose errors are not white spoils this: errors of boxes persist from picture to picture, and log L takes that
+A sensor whose errors are not white breaks this: errors of boxes persist from picture to picture, and log L takes this
 for precision. Such a sensor may be used without being counted. Then sum_k log p(counted y_k | all y before) still
 scores how well x is predicted, by measurements whose errors are independent of the camera's (a composite likelihood,
 C. Varin, N. Reid, D. Firth, "An overview of composite likelihood methods", Statistica Sinica 21, 2011).

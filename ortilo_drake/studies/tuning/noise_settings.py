@@ -1,4 +1,13 @@
-"""The numbers by which a scenario states the filter's W and V: read from it, and put back."""
+"""The numbers by which a scenario states the filter's W and V: read from it, and put back.
+
+Each number is named by its place in the scenario. A position sensor whose V is null takes its covariance from each fix.
+Then the number that scales all these covariances is fitted in place of V: the ranges' noise, whose square scales the
+covariance of multilateration, or the box centre's sd.
+
+Two things are not exact. With 'known_attitude' the attitude error adds a part to a camera fix's covariance that does
+not depend on center_sd; the fit scales this part, too. And center_sd enters the making of the fixes: a flight with the
+fitted number gets other fixes than those to which it was fitted.
+"""
 
 from typing import Any
 

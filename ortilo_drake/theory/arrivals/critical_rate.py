@@ -170,7 +170,7 @@ def critical_recovery(A: np.ndarray) -> float:
     return max(0.0, 1.0 - 1.0 / float(np.max(np.abs(np.linalg.eigvals(np.atleast_2d(A))))) ** 2)
 
 
-LONGEST = 1000  # the most ticks d considered; with more, l_c is less than 0.002 ln|s| above its limit
+LONGEST = 1000  # largest d considered [ticks]; beyond, l_c is less than 0.002 ln|s| above its limit
 SAME = 1e-6  # relative distance below which two eigenvalues count as equal
 SAME_ANGLE = 1e-9  # tolerance of an angle, as a fraction of a turn
 

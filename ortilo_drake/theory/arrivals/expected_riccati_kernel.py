@@ -17,7 +17,11 @@ from ortilo_drake.model.cholesky import forward_in_place
 def averaged_update(
     X: np.ndarray, C: np.ndarray, V: np.ndarray, rows: np.ndarray, probabilities: np.ndarray
 ) -> np.ndarray:
-    """Return X - sum_p Pr(p) X C_p^T (C_p X C_p^T + V_p)^-1 C_p X in the upper half, with X's (n, n) lower half."""
+    """Return X - sum_p Pr(p) X C_p^T (C_p X C_p^T + V_p)^-1 C_p X; only its upper half is updated.
+
+    X (n, n) is symmetric. C (m, n), V (m, m) and rows (P, m) are those of arrivals.Model, with the patterns'
+    probabilities (P).
+    """
     m, n = C.shape
     CX = np.zeros((m, n))
     CXC = V.copy()

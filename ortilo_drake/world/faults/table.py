@@ -50,9 +50,9 @@ class FaultTable(NamedTuple):
     kinds: np.ndarray
     """index of each fault's kind in KINDS, OWN for a registered fault (n)."""
     starts: np.ndarray
-    """when each begins [s] (n)."""
+    """start of each fault [s] (n)."""
     ends: np.ndarray
-    """when each ends [s], inf if it does not (n)."""
+    """end of each fault [s], inf if it does not end (n)."""
     streams: np.ndarray
     """number of each fault's noise stream (n)."""
     first: np.ndarray

@@ -1,8 +1,9 @@
 """The radio link that carries the control packets to the rotors: loss and delay.
 
-One packet a tick. It is lost as a sensor's message is (world/radio/link.py): at the rate of the state of a two-state
-Markov chain, at sending. A packet sent at tick k with a delay of d ticks acts at tick k + d; a packet in flight
-arrives. In a tick in which nothing arrives the rotors either hold the last command that arrived or fall back to hover.
+One packet is sent per tick. As a sensor's message (world/radio/link.py), it is lost at sending, at the rate of the
+state of a two-state Markov chain. A packet sent at tick k with a delay of d ticks acts at tick k + d; a packet in
+flight arrives. In a tick in which nothing arrives the rotors either hold the last command that arrived or fall back to
+hover.
 
 There is no acknowledgement, as over UDP: filter and servo take every command for applied at once, unless the world
 reports which commands acted (world/vehicle/acted_report.py). L. Schenato, "To zero or to hold control inputs with lossy

@@ -56,7 +56,10 @@ AHRS = Element("ahrs", out=ahrs_out, step=ahrs_step, allocates=True)
 
 
 def ahrs_box(settings: Ahrs, message: Box, samples: int, h: float) -> Box:
-    """Return the attitude filter of an imu whose messages the box outputs; its yaw drifts only if a drift is drawn."""
+    """Return the attitude filter of an imu whose messages the box outputs; its yaw drifts only if a drift is drawn.
+
+    It reads the true state (12) and the acceleration of B's origin in W (3).
+    """
     numbers = {"samples": samples, "a": np.exp(-h / settings.time), "drift": 0.0, "h": h}
     given = Values(numbers, start={"e": np.zeros(3)})
     return Box("imu_ahrs", AHRS, message.size, given, reads={"message": message.name})

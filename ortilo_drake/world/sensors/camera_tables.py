@@ -29,13 +29,13 @@ class Tables(NamedTuple):
     quantiles: np.ndarray
     """normal quantile; quantiles of the errors of centre u, v, width, height (5, k)."""
     slow: np.ndarray
-    """share of the slow part; ticks between its nodes; of errors and of misses (2, 2)."""
+    """rows of errors and of misses: share of the slow part, ticks between its nodes (2, 2)."""
     limits: np.ndarray
     """max_distance [m], min_size [px], min_visible (3)."""
     false_classes: np.ndarray
-    """mean number of false boxes; then the sums of the classes' shares (1 + classes)."""
+    """mean number of false boxes; then the cumulative sums of the classes' shares (1 + classes)."""
     false_sizes: np.ndarray
-    """chance; width, height [px] (3, k)."""
+    """probability; quantiles of width and of height [px] (3, k)."""
 
 
 @register_jitable

@@ -1,6 +1,6 @@
 """Views of the landmarks: distance, box, the share inside the image and the visible share.
 
-Both the measuring of a detector's rates and errors (training/calibration/calibrate.py) and the drawing from them
+Both the measurement of a detector's rates and errors (training/calibration/calibrate.py) and the drawing from them
 (projected_camera.py) use these numbers, so they hold no chance.
 """
 

@@ -13,7 +13,7 @@ Gains follow from poles of the model linearised at hover (model/hover.py), each 
 
 It is a P loop of velocity around a PD loop of attitude, with theta_r limited in size. A flight controller has sensors
 of its own for this (attitude, velocity, height); they are taken as perfect: it reads the true state. It does not hold
-the horizontal position. The plant has no floor: keeping the landing height stands for standing on it.
+the horizontal position. The plant has no floor: keeping the landing height stands in for resting on the floor.
 """
 
 import numpy as np
@@ -78,7 +78,7 @@ def hold_control(
 
     v_r = min(max(w_z / 2.0 * (z_r - x[2]), -sink_rate), sink_rate)
     a_z = 2.0 * w_z * (v_r - x[8])
-    uprightness = max(np.cos(phi) * np.cos(theta), 0.5)  # share of the thrust that lifts, at least that of 60 degrees
+    uprightness = max(np.cos(phi) * np.cos(theta), 0.5)  # share of the thrust that lifts, at least 0.5 (60 degrees)
     f_T = min(max(mass * (GRAVITY + a_z) / uprightness, 0.0), max_thrust)
 
     return np.array(
