@@ -170,7 +170,7 @@ def burst_map(
 
 
 def link_chain(uwb: Link | None, camera: Link | None, h: float) -> ArrivalChain:
-    """Return the arrival chain of uwb and camera over PATTERN_ROWS, from the links (None: does not fly).
+    """Return the arrival chain of uwb and camera over PATTERN_ROWS, from their links; a link of None does not fly.
 
     A mode is a tick of h [s] within the sensors' common period, times a state of each loss chain; the chains step once
     a tick. Blackouts and delays are left out.

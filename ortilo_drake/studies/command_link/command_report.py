@@ -241,7 +241,7 @@ def _rms(system: JumpLinear) -> float | None:
 
 
 def command_report(scenario: Scenario, V: np.ndarray) -> CommandReport:
-    """Return the effect of lost and late commands on a scenario's loop at hover; V is as in commanded_loop.
+    """Return the effect of lost and late commands on a scenario's loop at hover; V (p x p) as in commanded_loop.
 
     The scenario's own command link enters under `own_link` alone. InputError if the loop is unstable with a perfect
     link, naming the modes.

@@ -67,7 +67,7 @@ def _last_covariances(
 
 
 def simulate(model: Model, P_0: np.ndarray, patterns: np.ndarray) -> MeanCovariance:
-    """Return mean and standard error of the last P over sequences of patterns (runs, ticks), from P_0 (n, n)."""
+    """Return mean and standard error of the last P over patterns (runs, ticks): P_{k+1} = g_p(P_k) from P_0 (n, n)."""
     last = _last_covariances(np.ascontiguousarray(P_0, dtype=float), *model, patterns)
     diagonals = np.diagonal(last, axis1=1, axis2=2)
     return MeanCovariance(last.mean(axis=0), diagonals.std(axis=0, ddof=1) / np.sqrt(len(patterns)))

@@ -185,7 +185,7 @@ def ticks_to_repeat(s_1: complex, s_2: complex) -> int | None:
 
 
 def second_order_rate(modulus: float, d: int | None) -> float:
-    """Return l_c of two modes with |s| = modulus, which look alike to C every d ticks (None: never)."""
+    """Return l_c of two modes with |s| = modulus that look alike to C every d ticks; d = None means never."""
     return 1.0 - modulus ** (-2.0 if d is None else -2.0 * d / (d - 1.0))
 
 
