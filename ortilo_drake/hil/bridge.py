@@ -1,6 +1,6 @@
-"""A listener on the bus: it puts the ticks of a flight together and hands them to other systems.
+"""A listener on the bus: it puts the ticks of a flight together and passes them on to other systems.
 
-It sends nothing but hellos to the world and a user's goals: without goals the halves fly as if it were not there.
+It sends only hellos to the world and the goals of a user: without goals it does not affect the flight of the halves.
 """
 
 import time
@@ -26,19 +26,19 @@ from ortilo_drake.scenario import Scenario
 
 Target = Callable[[float, Signals, Signals], None]  # t [s], messages, outputs; as in interop/ros/ros_messages.py
 Goals = Callable[[], np.ndarray | None]
-LAG: Final = 6  # ticks after which an incomplete tick is handed on as it is
+LAG: Final = 6  # number of later ticks after which an incomplete tick is passed on
 _POLL_MS: Final = 50
 _ANSWERS: Final = 100
 
 
 def mavlink_target(bridge: MavlinkBridge, scenario: Scenario, vision: bool = False) -> Target:
-    """Return a target that sends every estimate, and a heartbeat once a second of flight.
+    """Return a target that sends every estimate, and a heartbeat every second of flight.
 
-    The estimate may jump after a gap in which the failsafe flew; that is counted as a reset. With `vision` it sends
-    VISION_POSITION_ESTIMATE in place of ODOMETRY.
+    The estimate may jump after a gap in which the failsafe flew; the jump counts as a reset. With `vision` the target
+    sends VISION_POSITION_ESTIMATE in place of ODOMETRY.
     """
     rate, resets, last = scenario.control_rate, 0, -1
-    longest = max(1.0, scenario.failsafe.timeout * rate)  # in ticks; an answer in the very next tick leaves no gap
+    longest = max(1.0, scenario.failsafe.timeout * rate)  # [ticks]; an answer in the very next tick leaves no gap
     send_estimate = bridge.send_vision if vision else bridge.send
 
     def send(t: float, messages: Signals, outputs: Signals) -> None:
@@ -55,12 +55,12 @@ def mavlink_target(bridge: MavlinkBridge, scenario: Scenario, vision: bool = Fal
 
 
 def ros2_target(bridge: Ros2Bridge) -> Target:
-    """Return a target that publishes every tick, without the true state, which is not on the bus."""
+    """Return a target that publishes every tick; the true state is left out, for it is not on the bus."""
     return lambda t, messages, outputs: bridge.send_tick(t, None, messages, outputs)
 
 
 class TickCollector:
-    """Puts the packets of both halves together tick by tick, and gives the ticks out in order."""
+    """A collector that puts the packets of both halves together tick by tick, and yields the ticks in order."""
 
     def __init__(self) -> None:
         self._world = TickInbox()
@@ -72,11 +72,11 @@ class TickCollector:
 
     @property
     def lost(self) -> int:
-        """The number of ticks missing between the first and the last given out."""
+        """The number of ticks missing between the first and the last tick yielded."""
         return self._last + 1 - self._first - self.given if self.given else 0
 
     def put(self, packet: Packet) -> None:
-        """Take a packet. One of a tick that was given out is dropped, but a picture goes with the next tick.
+        """Take a packet. A packet of a tick already yielded is dropped; but a picture goes with the next tick.
 
         In real time a picture takes longer than a tick to draw, so the tick's list of messages does not name it.
         """
@@ -93,7 +93,7 @@ class TickCollector:
             self._world.put(packet)
 
     def ready(self, lag: int = LAG) -> Iterator[tuple[int, Signals, Signals]]:
-        """Yield the complete ticks, and incomplete ones that are that many ticks older than the newest."""
+        """Yield (tick, messages, outputs) of complete ticks, and of ticks `lag` ticks or more older than the newest."""
         while self._waiting:
             k, newest = min(self._waiting), max(self._waiting)
             world, answer = self._world.is_complete(k), self._outputs.get(k, {}).keys() >= ANSWER
@@ -115,8 +115,9 @@ class TickCollector:
 def goals_target(goals: Goals, link: GoalLink, answers: deque[Goal], say: Callable[[str], None]) -> Target:
     """Return a target that passes a user's goals on to the onboard half, at every tick.
 
-    `goals` gives the newest goal p_W (2 or more) [m] since the last call, whose x and y are taken, or None. The answers
-    are what was heard on the goals' channel; they are emptied here. `say` takes a line about what became of a goal.
+    `goals` returns the newest goal p_W (2 or more) [m] since the last call, of which x and y are used, or None.
+    `answers` are the packets heard on the goals' channel; the target empties them. `say` takes a line about the outcome
+    of a goal.
     """
 
     def pass_on(t: float, messages: Signals, outputs: Signals) -> None:
@@ -136,7 +137,7 @@ def goals_target(goals: Goals, link: GoalLink, answers: deque[Goal], say: Callab
 
 @dataclass(frozen=True)
 class BridgeReport:
-    """The ticks that a bridge handed on."""
+    """The counts of ticks that a bridge passed on."""
 
     ticks: int
     """how many were given out."""
@@ -152,7 +153,7 @@ class BridgeReport:
     """why targets failed."""
 
     def lines(self) -> dict[str, Any]:
-        """Return the report's figures, printed and written as JSON; lost packets are left out: they have no channel."""
+        """Return the figures to print and to write as JSON, without lost packets, which belong to no channel."""
         data: dict[str, Any] = as_data(self)
         del data["packets"]["lost"]
         return data
@@ -168,20 +169,20 @@ def run_bridge(
     say: Callable[[str], None] = print,
     goals: Goals | None = None,
 ) -> BridgeReport:
-    """Hand every tick of one flight to targets, until the world says that it has finished.
+    """Pass every tick of one flight on to targets, until the world says that it has finished.
 
-    InputError if the bus does not work, the world is not heard, flies another scenario or falls silent, or every target
-    has failed.
+    InputError if the bus does not work; if the world is not heard, flies another scenario or falls silent; or if every
+    target has failed.
 
     Args:
         url: the bus, tcp://HOST:PORT.
-        key: that the halves share, see key_file.py.
-        scenario: what is flown, the same as the halves'.
-        targets: what takes the ticks, by name. One that raises gets no more ticks, and a line says so.
-        seconds: end after that long [s]; by default with the flight.
-        wait: how long to look for the world [s].
-        say: takes a line when it listens, about a target that failed, and about a goal.
-        goals: gives the user's goals, see goals_target; by default there are none.
+        key: the key that the halves share, see key_file.py.
+        scenario: the scenario of both halves.
+        targets: functions that take the ticks, by name. A target that raises gets no more ticks, and a line says so.
+        seconds: longest duration [s]; by default up to the end of the flight.
+        wait: longest search for the world [s].
+        say: takes a line when the bridge begins to listen, when a target failed, and about each goal.
+        goals: returns the user's goals, see goals_target; by default there are none.
     """
     with Bus(url, key) as bus:
         inbox = Inbox(bus, ("hello", "tick", *ports(), "command", "telemetry", "goal"))
@@ -198,7 +199,7 @@ def run_bridge(
             for _, packet in inbox.poll(_POLL_MS):
                 if packet.name == "goal":
                     answers.append(packet.value)
-                    continue  # no sign of life: another user may have sent it
+                    continue  # a goal is no sign of life of the world: another user may have sent it
                 if packet.name != "hello":
                     ticks.put(packet)
                 elif packet.value.role == "world":
@@ -218,12 +219,12 @@ def run_bridge(
 def _hand_on(
     targets: dict[str, Target], t: float, messages: Signals, outputs: Signals, say: Callable[[str], None]
 ) -> dict[str, str]:
-    """Give a tick to each target; remove those that fail and return why."""
+    """Give a tick to each target; remove the targets that fail and return the reasons by name."""
     failed = {}
     for name, target in list(targets.items()):
         try:
             target(t, messages, outputs)
-        except Exception as error:  # whatever a library raises, the other targets go on
+        except Exception as error:  # a library may raise any error; the other targets go on
             del targets[name]
             failed[name] = " ".join(str(error).split()) or type(error).__name__
             say(f"{name}: failed at {t:.3f} s and gets no more: {failed[name]}")

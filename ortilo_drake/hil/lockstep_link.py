@@ -1,7 +1,7 @@
 """Lockstep over a link that may lose packets: a half that hears nothing for a while repeats its last packets.
 
-The other half drops packets that it already has. So loss, duplication and delay cost time, and change no bit of the
-flight.
+The other half drops packets that it already has. So loss, duplication and delay cost time but do not change a bit of
+the flight.
 """
 
 import time
@@ -26,12 +26,12 @@ from ortilo_drake.hil.wire.packets import (
 )
 from ortilo_drake.model.typed_yaml import InputError
 
-SILENCE_MS: Final = 50  # after which the last packets are sent again; a tick over loopback takes 2 ms, a picture 30
+SILENCE_MS: Final = 50  # silence before the last packets are repeated; a tick over loopback takes 2 ms, a picture 30 ms
 POLL_MS: Final = 10
 
 
 class StepsTicks(Protocol):
-    """An onboard half that is stepped tick by tick, as flight.stepped_halves.OnboardHalf."""
+    """An onboard half that is stepped tick by tick, such as flight.stepped_halves.OnboardHalf."""
 
     def receive(self, messages: Signals) -> None:
         """Take this tick's messages."""
@@ -46,7 +46,7 @@ class StepsTicks(Protocol):
 def ask_over_link(outbox: Outbox, inbox: Inbox, greeter: Greeter) -> Ask:
     """Return a function that asks the onboard half at the other end of a link, for lockstep.fly_lockstep.
 
-    It raises InputError if the other half is silent for PATIENCE.
+    The function raises InputError if the onboard half is silent for PATIENCE.
     """
 
     def ask(tick: int, messages: Signals) -> Signals:
@@ -65,7 +65,7 @@ def ask_over_link(outbox: Outbox, inbox: Inbox, greeter: Greeter) -> Ask:
                 last_heard = last_sent = now
             elif now > last_heard + PATIENCE:
                 raise InputError(f"onboard half: silent for {PATIENCE:g} s at tick {tick}")
-            elif now > last_sent + 1e-3 * SILENCE_MS:  # a poll may end early, by a duplicate
+            elif now > last_sent + 1e-3 * SILENCE_MS:  # a duplicate may end a poll early
                 publish_messages(outbox, tick, messages)
                 last_sent = now
         return outputs
@@ -119,7 +119,7 @@ def answer_over_link(
 
 
 def _refuse(outbox: Outbox, goal: Goal) -> None:
-    if goal.role == "user":  # any other role is our own refusal
+    if goal.role == "user":  # a goal of another role is our own refusal
         publish_goal(outbox, answer_to(goal, LOCKSTEP_REFUSAL))
 
 

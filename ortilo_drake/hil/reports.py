@@ -1,4 +1,4 @@
-"""Reports of the two halves on their flight."""
+"""Reports of the two halves on a flight."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from ortilo_drake.model.as_data import as_data
 
 @dataclass(frozen=True)
 class WorldReport:
-    """A world's flight."""
+    """The report of a world on its flight."""
 
     ticks: int
     """how many."""
@@ -26,14 +26,14 @@ class WorldReport:
     """by a camera's process; None without one."""
 
     def lines(self) -> dict[str, Any]:
-        """Return the report's figures, as the commands print them and write them as JSON."""
+        """Return the figures, as the commands print them and write them as JSON."""
         figures = {"ticks": self.ticks} | (as_data(self.timing) if self.timing else {})
         return figures | _skipped(self.pictures_skipped) | _packets(self.packets)
 
 
 @dataclass(frozen=True)
 class OnboardFigures:
-    """An onboard half in real time."""
+    """The figures of an onboard half in real time."""
 
     silent_at: int | None
     """the tick at which the world fell silent before it said that it has finished; None if it did not."""
@@ -45,7 +45,7 @@ class OnboardFigures:
 
 @dataclass(frozen=True)
 class OnboardReport:
-    """An onboard half's flight."""
+    """The report of an onboard half on its flight."""
 
     ticks: int
     """how many."""
@@ -57,7 +57,7 @@ class OnboardReport:
     """by a detector's thread; None without one."""
 
     def lines(self) -> dict[str, Any]:
-        """Return the report's figures, as the command prints them and writes them as JSON."""
+        """Return the figures, as the command prints them and writes them as JSON."""
         figures = {"ticks": self.ticks} | (as_data(self.real_time) if self.real_time else {})
         return figures | _skipped(self.pictures_skipped) | _packets(self.packets)
 

@@ -1,4 +1,4 @@
-"""Sessions of the two halves, a function for each: the work of `ortilo hil world` and `ortilo hil onboard`."""
+"""Sessions of the two halves, a function for each: the tasks of `ortilo hil world` and `ortilo hil onboard`."""
 
 import contextlib
 import time
@@ -25,8 +25,8 @@ from ortilo_drake.hil.wire.packets import FINISHED, Outbox, ports
 from ortilo_drake.hil.wire.unpack import largest_to_world
 from ortilo_drake.scenario import InputError, Scenario
 
-FAREWELLS = 5  # how often the world says that it has finished; a relay may lose each
-FAREWELL_EVERY = 0.02  # [s]: apart, so that one burst of losses does not take them all
+FAREWELLS = 5  # how often the world says that it has finished, because a relay may lose any hello
+FAREWELL_EVERY = 0.02  # time between them, so that one burst of losses does not take all [s]
 
 
 def run_world(
@@ -48,17 +48,17 @@ def run_world(
     Args:
         scenario: the scenario.
         url: the bus, tcp://HOST:PORT, which this process serves.
-        key: that the halves share, see key_file.py.
-        lockstep: whether to wait for each answer.
-        wait: how long to look for the onboard half [s].
-        seconds: in real time, end after that much of the flight.
+        key: the key that the halves share, see key_file.py.
+        lockstep: whether the world waits for each answer.
+        wait: longest search for the onboard half [s].
+        seconds: in real time, end after this time of the flight [s].
         progress: called with the number of ticks flown.
-        record: called with everything of a tick.
+        record: called with state, messages and outputs of each tick.
         show_statistics: in real time, see fly_in_real_time.
-        check_alive: called while the world looks for the onboard half; raises if that will not come.
+        check_alive: called while the world searches for the onboard half; it raises if the onboard half will not come.
 
     Returns:
-        The flight, and a report.
+        The flight and a report.
     """
     with contextlib.ExitStack() as stack:
         bus = stack.enter_context(Bus(url, key, serves=True, largest=largest_to_world(flight_of(scenario, 0))))
@@ -112,16 +112,16 @@ def run_onboard(
     planner: GoalPlanner | None = None,
     exported: StepsTicks | None = None,
 ) -> OnboardReport:
-    """Fly one flight as a scenario's onboard half; return a report.
+    """Fly one flight as the onboard half of a scenario; return a report. Call warm_up before.
 
-    Arguments and errors as run_world, checkpoint and say as in real_time_onboard.py; without a planner goals are not
-    answered. Exported is what flies in lockstep in place of the onboard half of this process. Call warm_up before.
+    Arguments and errors are those of run_world; `checkpoint` and `say` are those of answer_in_real_time. Without a
+    planner goals are not answered in real time. `exported` flies in lockstep in place of this process's onboard half.
     """
     with no_collecting(), Bus(url, key) as bus:
         inbox = Inbox(bus, ("hello", "goal", "tick", *ports()))
         detector = DetectorThread(scenario) if scenario.is_rendered else None
         onboard = OnboardHalf(scenario, detects=detector is None)
-        in_lockstep = OnboardHalf(scenario) if detector else onboard  # looks at pictures itself
+        in_lockstep = OnboardHalf(scenario) if detector else onboard  # detects landmarks in pictures itself
         met = meet_world(bus, inbox, scenario, wait, session_of(checkpoint) if checkpoint else 0)
         outbox = Outbox(bus, met.flight.session)
         if met.lockstep:

@@ -1,7 +1,7 @@
 """Compressed parts of recorded files, unpacked piece by piece within limits.
 
-A few kB of zstd, lz4 or bz2 may unpack to gigabytes, and the size that a file states need not be true. So what counts
-is what came out, not what was stated.
+A few kB of zstd, lz4 or bz2 may unpack to gigabytes, and the size that a file states may be wrong. So the limits apply
+to the bytes that come out, not to the stated size.
 """
 
 from collections.abc import Iterator
@@ -15,8 +15,8 @@ from ortilo_drake.model.typed_yaml import InputError
 
 zstandard = later("zstandard")
 
-CHUNK_LIMIT: Final = 128 * MIB  # of one part; recorders write chunks of 1 to 8 MiB, a large point cloud takes 30
-FILE_LIMIT: Final = DATA_LIMIT  # of all parts of a file: as much as a file that is not compressed may hold
+CHUNK_LIMIT: Final = 128 * MIB  # largest part; recorders write chunks of 1 to 8 MiB, a large point cloud takes 30 MiB
+FILE_LIMIT: Final = DATA_LIMIT  # limit of all parts of a file together, the same as for a file without compression
 PIECE: Final = MIB
 
 
@@ -24,7 +24,7 @@ def _open(kind: str, packed: BinaryIO) -> Any:
     if kind == "zstd":
         return zstandard.ZstdDecompressor(max_window_size=CHUNK_LIMIT).stream_reader(packed, read_across_frames=True)
     if kind == "lz4":
-        from lz4.frame import LZ4FrameFile  # type: ignore[import-untyped]  # not before it is asked for
+        from lz4.frame import LZ4FrameFile  # type: ignore[import-untyped]  # imported only when needed
 
         return LZ4FrameFile(packed)
     if kind == "bz2":
@@ -35,17 +35,17 @@ def _open(kind: str, packed: BinaryIO) -> Any:
 
 
 class Unpacker:
-    """Unpacks the parts of one file, whose `path` errors name; they may still unpack to `left` bytes."""
+    """An unpacker of the parts of one file. Errors name `path`; the parts may still unpack to `left` bytes in all."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.left = FILE_LIMIT
 
     def pieces(self, kind: str, packed: BinaryIO, limit: int, what: str) -> Iterator[bytes]:
-        """Yield what a part, packed with zstd, lz4 or bz2, unpacks to, at most PIECE bytes at a time.
+        """Yield the unpacked bytes of a part packed with `kind` (zstd, lz4 or bz2), at most PIECE bytes at a time.
 
-        It may unpack to so many bytes; `what` it is called in an error. InputError if it is damaged or unpacks to more
-        than the limit, or all parts of the file to more than FILE_LIMIT.
+        `what` is the name of the part in errors. InputError if the part is damaged, if it unpacks to more than `limit`
+        bytes, or if all parts of the file together unpack to more than FILE_LIMIT.
         """
         size = 0
         try:
@@ -67,5 +67,5 @@ class Unpacker:
             raise InputError(f"{self.path}: {what} is damaged: {kind}: {line}") from None
 
     def unpack(self, kind: str, packed: bytes, what: str) -> bytes:
-        """Return the unpacked bytes of a part, at most CHUNK_LIMIT; errors as pieces."""
+        """Return the unpacked bytes of a part, at most CHUNK_LIMIT; errors as in pieces."""
         return b"".join(self.pieces(kind, BytesIO(packed), CHUNK_LIMIT, what))

@@ -1,7 +1,7 @@
-"""A goal asked for over the bus: the request is repeated until the onboard half answers, as a relay may lose packets.
+"""A user's request of a goal over the bus, repeated until the onboard half answers, because a relay may lose packets.
 
-The onboard half flies there at the height at which it comes to rest, or refuses with one line; see goals.py. A number
-in each request tells the answers apart, and lets the onboard half know a repeated request.
+The onboard half flies to the goal at the height at which it comes to rest, or refuses with one line; see goals.py. Each
+request has a number, which tells answers apart and shows the onboard half that a request is repeated.
 """
 
 import time
@@ -17,25 +17,26 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
 LOCKSTEP_REFUSAL: Final = "flies in lockstep, which takes no goals"
-EVERY: Final = 0.2  # between two sendings of a request [s]
-ANSWER_WAIT: Final = 5.0  # after which a request is given up [s]
+EVERY: Final = 0.2  # time between two repetitions of a request [s]
+ANSWER_WAIT: Final = 5.0  # a request is given up after this time [s]
 _POLL_MS: Final = 50
 
 
 def goal_text(goal: Goal) -> str:
-    """Return a goal's name in messages."""
+    """Return the name of a goal for messages."""
     return f"goal ({goal.x:g}, {goal.y:g})"
 
 
 def answer_to(request: Goal, reason: str = "") -> Goal:
-    """Return the onboard half's answer to a request; a reason refuses it."""
+    """Return the onboard half's answer to a request; an answer with a reason is a refusal."""
     return request._replace(role="onboard", reason=reason)
 
 
 class GoalLink:
-    """Sends one request at a time to a flight and receives its answer; no method blocks.
+    """A link that sends one request at a time to a flight and receives the answer; no method blocks.
 
-    The inbox hears goals, and the flight's tick; a request is given up after a wait [s] without an answer.
+    The inbox must subscribe to goals and know the tick of the flight. A request without an answer is given up after
+    `wait` [s].
     """
 
     def __init__(self, outbox: Outbox, inbox: Inbox, wait: float = ANSWER_WAIT):
@@ -44,7 +45,7 @@ class GoalLink:
         self._until = self._next = 0.0
 
     def ask(self, x: float, y: float) -> None:
-        """Ask for a flight to (x, y) in W [m], in place of an earlier request; InputError if it is out of range."""
+        """Request a flight to (x, y) in W [m], which replaces an earlier request; InputError if out of range."""
         request = Goal(self._outbox.session, 0, draw(), "user", float(x), float(y))
         if not (abs(request.x) <= FARTHEST and abs(request.y) <= FARTHEST):  # False for NaN
             raise InputError(f"{goal_text(request)}: must be two finite numbers of at most {FARTHEST:g}")
@@ -52,9 +53,9 @@ class GoalLink:
         self._until = self._next + self._wait
 
     def turn(self, heard: Iterable[Goal]) -> Goal | None:
-        """Repeat the request if that is due; return its answer once, or a refusal if none came in time.
+        """Repeat the request if that is due; return its answer once, or a refusal if no answer came in time.
 
-        The goals heard are those of this flight that came since the last call.
+        `heard` are the goal packets of this flight received since the last call.
         """
         if self._request is None:
             return None
@@ -66,18 +67,18 @@ class GoalLink:
             self._request = None
             return answers[0]
         if now >= self._next:
-            # With the tick to come: the answer has it too, and one of a tick before we joined would be refused as old.
+            # Send the next tick: the answer repeats it, and an answer with a tick before we joined is refused as old.
             publish_goal(self._outbox, request._replace(tick=self._inbox.tick + 1))
             self._next = now + EVERY
         return None
 
 
 def ask_goal(url: str, key: bytes, scenario: Scenario, x: float, y: float, wait: float = ANSWER_WAIT) -> None:
-    """Have a flight in real time, on a bus, go to a goal (x, y) in W [m]; return once it is on its way.
+    """Request that a flight in real time, on a bus, goes to a goal (x, y) in W [m]; return once the goal is accepted.
 
-    The scenario is the halves', the key what they share; `wait` is how long to look for the world, and then for an
-    answer [s]. InputError if the bus does not work, the world is not heard or flies another scenario, or the goal is
-    refused or not answered.
+    `scenario` and `key` are those of the halves. `wait` is the longest search for the world, and then the longest wait
+    for an answer [s]. InputError if the bus does not work, if the world is not heard or flies another scenario, or if
+    the goal is refused or not answered.
     """
     with Bus(url, key) as bus:
         inbox = Inbox(bus, ("hello", "goal"))

@@ -1,13 +1,13 @@
-"""Goals that a user sends in flight: refused, or flown to.
+"""Goals that a user sends in flight: the vehicle refuses them, or flies to them.
 
 A goal is a point x, y: the vehicle keeps the height at which it comes to rest, and its yaw. A goal where the vehicle
 cannot be is refused at once, and the vehicle flies on. For any other goal the vehicle brakes
-(onboard/planner/goal_path.py) while another process plans a way. It flies that way once it is at rest and the way is
-there; it stays at rest if there is none. A newer goal replaces an older one, whether that is being planned or flown.
-Every goal is answered once it is decided, and again whenever it is repeated.
+(onboard/planner/goal_path.py) while another process plans a path. The vehicle flies the path once it is at rest and the
+path is ready; without a path it stays at rest. A newer goal replaces an older one that is being planned or flown. Each
+goal is answered once it is decided, and again whenever it is repeated.
 
-The planner is in a process of its own, so that planning, up to a second, holds up no tick of the onboard half. It ends
-with the process that started it, however that ends: its pipe then has no other end.
+Planning takes up to a second. The planner has its own process, so that it delays no tick of the onboard half. The
+planner's process ends together with the process that started it, for then its pipe has no other end.
 """
 
 import contextlib
@@ -32,12 +32,12 @@ from ortilo_drake.onboard.planner.retime import retime
 from ortilo_drake.onboard.planner.seen import fix_sources
 from ortilo_drake.scenario import GcsPlanner, Scenario, WaypointPlanner
 
-NICENESS: Final = 10  # it yields to the flight where both want the same core
+NICENESS: Final = 10  # the planner yields to the flight where both want the same core
 GONE: Final = "the process that plans has ended"
 
 
 class Plan(NamedTuple):
-    """The plan for a goal: the knots (7, n) of a path that begins at t = 0, or the reason why there is none."""
+    """The plan for a goal: the knots (7, n) of a path that begins at t = 0, or None and the reason why."""
 
     number: int
     knots: np.ndarray | None
@@ -45,7 +45,7 @@ class Plan(NamedTuple):
 
 
 def goal_settings(scenario: Scenario) -> GcsPlanner:
-    """Return the settings for planning paths to goals: those of the scenario's own path, as far as it has them."""
+    """Return the settings for planning paths to goals, taken from the scenario's planner as far as it has them."""
     if isinstance(scenario.planner, GcsPlanner):
         return scenario.planner
     if isinstance(scenario.planner, WaypointPlanner):
@@ -54,11 +54,11 @@ def goal_settings(scenario: Scenario) -> GcsPlanner:
 
 
 class GoalPlanner:
-    """Plans ways to goals in a scenario, one at a time; a context manager. Only wait_until_ready waits."""
+    """A planner of paths to goals in a scenario, one at a time; a context manager. Only wait_until_ready blocks."""
 
     def __init__(self, scenario: Scenario):
-        # Not a fork, though that has all modules at once, which a new process loads in two seconds: once a path has
-        # been planned, the solver waits for threads that a fork has not.
+        # No fork, although a fork has all modules, which a new process takes two seconds to load: in a fork of a
+        # process that has planned a path, the solver waits for threads that the fork lacks.
         context = multiprocessing.get_context("spawn")
         self._pipe, self._child_end = context.Pipe()
         arguments = plugin_files(), scenario.model_dump_json(), self._child_end
@@ -69,7 +69,7 @@ class GoalPlanner:
 
     def __enter__(self) -> "GoalPlanner":
         self._process.start()
-        self._child_end.close()  # while it is open here, this process cannot notice that the child has ended
+        self._child_end.close()  # while this end is open here, this process cannot notice that the child has ended
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -83,11 +83,11 @@ class GoalPlanner:
             self._pipe.recv()
 
     def ask(self, number: int, p: np.ndarray, goal: np.ndarray) -> None:
-        """Have a way planned from rest at p_W (3) to a goal x, y (2) [m]; a goal that still waits is dropped."""
+        """Request a path from rest at p_W (3) to a goal x, y (2) [m]; an earlier goal that still waits is dropped."""
         self._newest, self._next = number, (number, p, goal)
 
     def poll(self) -> Plan | None:
-        """Return the plan made since the last call; None if there is none, or it is no longer wanted."""
+        """Return the plan finished since the last call; None if there is none, or the plan is no longer wanted."""
         if self._newest is None:
             return None
         done: Plan | None = None
@@ -107,7 +107,7 @@ class GoalPlanner:
 
 
 def reason_of(error: Exception) -> str:
-    """Return in one line why a goal is refused, without the goal itself, which its asker knows."""
+    """Return in one line why a goal is refused; the line leaves out the goal itself, which its user knows."""
     text = " ".join(str(error).split()).removeprefix("planner.")
     return text.partition("): ")[2] if text.startswith("goal: (") else text
 
@@ -129,21 +129,21 @@ def _plan(plugins: tuple[str, ...], scenario_json: str, jobs: Connection) -> Non
             wanted = settings.model_copy(update={"start": (x, y), "goal": tuple(goal.tolist()), "height": height})
             try:
                 done = Plan(number, knots(plan(wanted, room, scenario.vehicle, sources)), "")
-            except (InputError, RuntimeError) as error:  # RuntimeError: a solver of Drake's gave up
+            except (InputError, RuntimeError) as error:  # RuntimeError: a solver of Drake gave up
                 done = Plan(number, None, reason_of(error))
             jobs.send(done)
 
 
 REPLACED: Final = "replaced by a newer goal"
 NO_PATHS: Final = "the planner takes no goals: it is a System, and plans no path"
-REMEMBERED: Final = 256  # answers that can be given again
+REMEMBERED: Final = 256  # number of answers that can be repeated
 
 
 class Step(NamedTuple):
-    """The changes that goals make at a tick, and the answers to the users who asked.
+    """The changes that goals make at a tick, and the answers to the users.
 
-    The path is to be flown from now on; None leaves it as it is. Taken is x, y of a goal for which the vehicle begins
-    to brake (2) [m].
+    `path` is the path to fly from now on; None changes nothing. `taken` is x, y (2) [m] of a goal for which the vehicle
+    begins to brake, else None.
     """
 
     path: PiecewisePolynomial | None
@@ -152,7 +152,7 @@ class Step(NamedTuple):
 
 
 class Goals:
-    """The goals of one flight, whose planner plans beside it."""
+    """The goals of one flight, with a planner in another process."""
 
     def __init__(self, scenario: Scenario, planner: GoalPlanner):
         self._settings, self._room, self._vehicle = goal_settings(scenario), scenario.load_room(), scenario.vehicle
@@ -164,7 +164,7 @@ class Goals:
         self._answered: deque[Goal] = deque(maxlen=REMEMBERED)
 
     def receive(self, goal: Goal) -> None:
-        """Take a goal packet; one that is not from a user is dropped."""
+        """Take a goal packet; a packet that is not from a user is dropped."""
         if goal.role != "user":
             return
         again = [answer for answer in self._answered if answer.number == goal.number]
@@ -176,9 +176,9 @@ class Goals:
             self._heard = goal
 
     def step(self, t: float, path: Trajectory | None) -> Step:
-        """Return the changes at the tick that comes, t [s], by goals that were received or planned since the last call.
+        """Return the changes at the coming tick at t [s] due to goals received or planned since the last call.
 
-        The path flown is p_WB(t) (3 rows) [m]; None where the planner is a System, which takes no goals.
+        `path` is the flown path p_WB(t) (3 rows) [m]; None where the planner is a System, which takes no goals.
         """
         new = taken = None
         if self._heard and path is None:
@@ -186,7 +186,7 @@ class Goals:
             self._heard = None
         if self._heard:
             goal, self._heard = self._heard, None
-            # A vehicle that brakes already goes on with that: so it comes to rest however often the goal changes.
+            # A vehicle that already brakes continues to brake, so it comes to rest however often the goal changes.
             stop = self._stop if self._stop and t < self._stop.end_time() else None
             stop = stop or brake(path, t, self._settings.acceleration)
             rest = stop.value(stop.end_time())[:, 0]
@@ -209,7 +209,7 @@ class Goals:
         return Step(new, taken, answers)
 
     def _refusal(self, goal: Goal, height: float) -> str:
-        """Return the reason why a goal is refused before any planning; empty if it is not refused."""
+        """Return the reason why a goal is refused before planning; empty if it is not refused."""
         if not np.isfinite([goal.x, goal.y]).all():
             return "must be finite"
         keep = self._settings.clearance, self._settings.vertical_clearance

@@ -1,4 +1,4 @@
-"""The sliders and buttons of a live flight, in Meshcat's page."""
+"""The sliders and buttons of a live flight, on Meshcat's page."""
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -17,14 +17,14 @@ GO, PAUSE, STEP, RESTART, STOP = "fly to the goal", "pause", "one tick", "fly an
 SLOWEST, FASTEST = 0.1, 5.0
 STRONGEST_PUSH = 2.0  # [N]
 MOST_HEAVIER = 30.0  # [%]
-MOST_STEPS = 10  # single ticks at a look; nobody clicks faster
+MOST_STEPS = 10  # most single ticks between two calls of wishes; nobody clicks faster
 
 
 class Controls:
-    """The controls on the page, and what the user has set and clicked.
+    """The controls on the page, with the values that the user set and the clicks.
 
-    A Meshcat shows the sliders and buttons on its pages; the panel has what the pages' users do with them. Goals are on
-    the room's floor, the first at x, y [m]. Of the sensors that fly each but the imu can lose its messages.
+    Meshcat shows the sliders and buttons on its pages; the panel has the inputs of the pages' users. `goal` is x, y of
+    the first goal [m]; goals are within the room. The messages of each of `sensors` that sends by radio can be lost.
     """
 
     def __init__(self, meshcat: Meshcat, panel: Panel, room: Room, sensors: tuple[str, ...], goal: tuple[float, float]):
@@ -47,7 +47,7 @@ class Controls:
         self._clicks = dict.fromkeys((GO, PAUSE, STEP, RESTART, STOP), 0)
 
     def wishes(self) -> Wishes:
-        """Return the present wishes: the sliders' values, and the buttons clicked since the last call."""
+        """Return the present wishes: the values of the sliders, and the buttons clicked since the last call."""
         self._show_settled()
         value, clicked = self._seen.__getitem__, {name: self._new_clicks(name) for name in self._clicks}
         return Wishes(
@@ -69,9 +69,9 @@ class Controls:
         self._shown[name] = self._seen[name] = first
 
     def _show_settled(self) -> None:
-        """Tell Meshcat where sliders are that came to rest, for pages that are opened later.
+        """Tell Meshcat the values of sliders that came to rest, for pages that are opened later.
 
-        Meshcat tells all pages at once; told earlier, it would pull a slider back that is still being dragged.
+        Meshcat updates all pages at once: an earlier update would pull back a slider that is still being dragged.
         """
         before, self._seen = self._seen, {name: self._panel.value(name) for name in self._shown}
         for name, value in self._seen.items():

@@ -1,8 +1,8 @@
-"""A flight whose world its user changes while it lasts, tick by tick.
+"""A flight whose user changes the world while the flight lasts, tick by tick.
 
-The two halves are those of flight/stepped_halves.py. What changes is the world's alone: messages that are lost on their
-way, a force that pushes, the mass. The onboard half learns of it as it would in reality, by what its sensors say. Only
-a goal is told to it (hil/goals/goals.py).
+The two halves are those of flight/stepped_halves.py. The user changes only the world: losses of messages, a force that
+pushes, the mass. The onboard half learns of the changes as in reality, from its sensors. Only goals go to the onboard
+half itself (hil/goals/goals.py).
 """
 
 from typing import NamedTuple
@@ -20,11 +20,11 @@ from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ForceTruth
 from ortilo_drake.sensors.described import measuring
 
-MESSAGES = {measuring("landmarks"): ("detections", "shutter", "image")}  # of others the port has the sensor's name
+MESSAGES = {measuring("landmarks"): ("detections", "shutter", "image")}  # other sensors' ports have the sensor's name
 
 
 class ShownTick(NamedTuple):
-    """The state of a live flight after a tick, as it is shown."""
+    """The state of a live flight at a tick, as shown to the user."""
 
     time: float
     """of the tick [s]."""
@@ -47,17 +47,17 @@ class ShownTick(NamedTuple):
 
 
 def with_a_force(scenario: Scenario) -> Scenario:
-    """Return the scenario with a lasting force in its world, of 0 N where it has none."""
+    """Return the scenario with a force model in its world; the force is 0 N where the scenario has none."""
     if scenario.truth.force != ForceTruth():
         return scenario
-    force = ForceTruth(gust_time=2.0 * ForceTruth().gust_time)  # differs, so that the world has the system; of sd 0
+    force = ForceTruth(gust_time=2.0 * ForceTruth().gust_time)  # not the default, so the world has a force; its sd is 0
     return scenario.model_copy(update={"truth": scenario.truth.model_copy(update={"force": force})})
 
 
 class LiveFlight:
-    """One flight of a scenario that goes on for as long as it is stepped.
+    """One flight of a scenario that lasts as long as it is stepped.
 
-    The planner plans ways to goals; its context is the caller's.
+    `planner` plans paths to goals; the caller enters and leaves its context.
     """
 
     def __init__(self, scenario: Scenario, planner: GoalPlanner):
@@ -69,13 +69,13 @@ class LiveFlight:
 
     @property
     def path(self) -> Trajectory | None:
-        """The path that the vehicle flies, p_WB(t) (3 rows) [m]; None where its planner is a System."""
+        """The path that the vehicle flies, p_WB(t) (3 rows) [m]; None where the planner is a System."""
         return self._onboard.path
 
     def step(self, wishes: Wishes) -> ShownTick:
-        """Fly a tick and return what it showed.
+        """Fly one tick and return its state.
 
-        Of the wishes' losses, push and mass those of this tick are taken, and a goal where there is a new one.
+        Losses, push and mass of the wishes apply to this tick; a goal is taken if `goes` is True.
         """
         self._change_the_world(wishes)
         time = self._k * self._scenario.h

@@ -1,4 +1,4 @@
-"""The scene of a live flight in Meshcat's page."""
+"""The scene of a live flight on Meshcat's page."""
 
 from collections import deque
 from typing import Final
@@ -16,16 +16,16 @@ from ortilo_drake.world.scenery.meshcat_room import aim_camera, draw_room
 
 GOAL: Final = "/flight/goal"
 LAMPS: Final = "/flight/lamps"
-LIT_FOR: Final = 0.2  # a lamp stays lit after a message [s]
-TRAIL: Final = 20.0  # how much of what was flown is shown [s]
-CORNER_EVERY: Final = 0.1  # a corner of the line that shows it [s]; at each tick, a page would get 3 MB/s of corners
+LIT_FOR: Final = 0.2  # time for which a lamp stays lit after a message [s]
+TRAIL: Final = 20.0  # duration of the flown path that is shown [s]
+CORNER_EVERY: Final = 0.1  # time between two corners of that line [s]; with one a tick a page would get 3 MB/s
 LIT, DARK = (0.15, 0.85, 0.25, 1.0), (0.75, 0.1, 0.1, 1.0)
 
 
 class Scene:
-    """The room, the vehicle, its estimate, a lamp above it for each sensor, and the goal.
+    """The room, the vehicle, its estimate, the goal, and a lamp for each sensor above the vehicle.
 
-    The lamps of `sensors` stand side by side, the first in the west.
+    The lamps of `sensors` stand side by side, the first to the west.
     """
 
     def __init__(self, meshcat: Meshcat, room: Room, vehicle: Vehicle, sensors: tuple[str, ...]):
@@ -33,14 +33,14 @@ class Scene:
         draw_room(meshcat, room)
         low, high = np.array(room.interior.min), np.array(room.interior.max)
         length = np.array([high[0] - low[0], 0.0, 0.0])
-        aim_camera(meshcat, low - 0.25 * length, high + 0.4 * length)  # readings and controls take both sides
+        aim_camera(meshcat, low - 0.25 * length, high + 0.4 * length)  # readings and controls take up both sides
         meshcat.SetObject(GOAL, Sphere(0.12), Rgba(0.95, 0.6, 0.05, 0.8))
         for i, sensor in enumerate(sensors):
             meshcat.SetObject(f"{LAMPS}/{sensor}", Sphere(0.08), Rgba(*DARK))
             meshcat.SetTransform(f"{LAMPS}/{sensor}", RigidTransform([0.25 * (i - (len(sensors) - 1) / 2.0), 0.0, 0.0]))
 
     def begin(self, path: Trajectory | None) -> None:
-        """Show a new flight."""
+        """Show the start of a new flight along a path."""
         self._lit, self._until = dict.fromkeys(self._sensors, False), dict.fromkeys(self._sensors, -1.0)
         self._flown: deque[np.ndarray] = deque(maxlen=round(TRAIL / CORNER_EVERY))
         self._corner_at = 0.0
@@ -50,7 +50,7 @@ class Scene:
             self._meshcat.SetProperty(f"{LAMPS}/{sensor}", "color", list(DARK))
 
     def lit(self) -> dict[str, bool]:
-        """Return whether each sensor's lamp is lit."""
+        """Return for each sensor whether its lamp is lit."""
         return dict(self._lit)
 
     def show_path(self, path: Trajectory | None) -> None:
@@ -61,11 +61,11 @@ class Scene:
             draw_plan(self._meshcat, path)
 
     def show_goal(self, x: float, y: float, z: float) -> None:
-        """Show the goal at a place in W [m]."""
+        """Show the goal at a position x, y, z in W [m]."""
         self._meshcat.SetTransform(GOAL, RigidTransform([x, y, z]))
 
     def show(self, seen: ShownTick, draws: bool) -> None:
-        """Show a tick; the vehicle and its flown path only if `draws`, and not where the flight has diverged."""
+        """Show a tick; the vehicle and its flown path are drawn only if `draws` and all values are finite."""
         for sensor in self._sensors:
             if sensor in seen.arrived:
                 self._until[sensor] = seen.time + LIT_FOR

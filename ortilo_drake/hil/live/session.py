@@ -1,4 +1,4 @@
-"""A live flight from its first tick until its user has had enough."""
+"""A live flight from its first tick until the user stops it."""
 
 import json
 import time
@@ -16,13 +16,13 @@ from ortilo_drake.hil.live.wishes import Wishes
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import Scenario
 
-DRAWN_EVERY: Final = 1.0 / 15.0  # a picture of the page [s of wall time]
-RECENT: Final = 5.0  # over which shares of arrivals are counted [s]
-_REST: Final = 0.02  # between two looks at the controls of a flight that stands still, or for a page [s]
+DRAWN_EVERY: Final = 1.0 / 15.0  # least period of drawing the page [s of wall time]
+RECENT: Final = 5.0  # window over which shares of arrivals are counted [s]
+_REST: Final = 0.02  # time between two reads of the controls while the flight stands still, or checks for a page [s]
 
 
 class SaysWishes(Protocol):
-    """The controls."""
+    """The controls of a live flight."""
 
     def wishes(self) -> Wishes:
         """Return the present wishes."""
@@ -30,7 +30,7 @@ class SaysWishes(Protocol):
 
 @dataclass
 class Status:
-    """A live flight so far."""
+    """The status of a live flight at its last tick."""
 
     time: float = 0.0
     """of its last tick [s]."""
@@ -54,11 +54,11 @@ class Status:
     """its name."""
 
     def json(self) -> bytes:
-        """Return it as JSON, which the page beside Meshcat's view shows; null for what is not finite."""
+        """Return the status as JSON for the page beside Meshcat's view; null for values that are not finite."""
         return json.dumps(as_data(self)).encode()
 
     def line(self) -> str:
-        """Return it in a line."""
+        """Return the status in a line of text."""
         shares = (f"{name} {'-' if share is None else f'{share:.0%}'}" for name, share in self.arrivals.items())
         line = f"{self.time:6.1f} s  error {100.0 * self.error:5.1f} cm, 3 sigma {100.0 * self.sd:5.1f} cm"
         line += f"  arrived of late: {', '.join(shares) or '-'}"
@@ -66,9 +66,10 @@ class Status:
 
 
 class Shares:
-    """The share of each sensor's messages that arrived of late; one may arrive in a later tick than it is due in.
+    """The share of each sensor's due messages that arrived in the last `ticks` ticks.
 
-    A sensor has a message due every so many ticks, `due`; shares are counted over `ticks`.
+    `due` gives the number of ticks from one message of a sensor to the next. A message may arrive in a later tick than
+    the one in which it is due.
     """
 
     def __init__(self, due: dict[str, int], ticks: int):
@@ -76,20 +77,20 @@ class Shares:
         self._arrived = {sensor: deque[bool](maxlen=max(ticks // every, 1) * every) for sensor, every in due.items()}
 
     def count(self, seen: ShownTick) -> None:
-        """Count a tick's arrivals."""
+        """Count the arrivals of a tick."""
         for sensor, its in self._arrived.items():
             its.append(sensor in seen.arrived)
 
     def now(self) -> dict[str, float | None]:
-        """Return the shares."""
+        """Return the shares [1] by sensor; None before the first tick."""
         due = {sensor: -(-len(its) // self._due[sensor]) for sensor, its in self._arrived.items()}
         return {s: min(sum(its) / due[s], 1.0) if its else None for s, its in self._arrived.items()}
 
 
 def wait_for_page(pages: Callable[[], int], clock: Any = time) -> None:
-    """Return once a page is open: a flight that began before would be over, or lost, unseen.
+    """Return once a page is open: a flight that began earlier might end, or be lost, unseen.
 
-    `pages` returns how many are open, as Meshcat.GetNumActiveConnections; the clock is as in fly_live.
+    `pages` returns the number of open pages, as Meshcat.GetNumActiveConnections does; the clock is as in fly_live.
     """
     while not pages():
         clock.sleep(_REST)
@@ -103,10 +104,10 @@ def fly_live(
     show: Callable[[Status], None],
     clock: Any = time,
 ) -> Status:
-    """Fly until the controls want no more; return how it stood then.
+    """Fly until the controls ask to end; return the last status.
 
-    A flight that is lost stands still until it is flown anew. The planner plans ways to goals, the controls say what is
-    wanted, the scene shows the flight, if there is one. `show` is called now and then with how it stands. The clock has
+    A lost flight stands still until the user restarts it. `planner` plans paths to goals, `controls` give the user's
+    wishes, and `scene`, if there is one, shows the flight. `show` is called at intervals with the status. `clock` has
     monotonic() and sleep().
     """
     due: dict[str, int] = {sensor: scenario.every(sensor) for sensor in scenario.sensors}
@@ -149,6 +150,6 @@ def fly_live(
             scene.show_goal(*wishes.goal, float(seen.x[2]))
         if draws:
             show(status)
-        # A flight that falls behind, as of a slow renderer, does not hurry afterwards.
+        # A flight that falls behind, for example with a slow renderer, does not hurry afterwards.
         next_at = max(next_at + scenario.h / wishes.speed, now - 0.1)
         clock.sleep(max(next_at - clock.monotonic(), 0.0))

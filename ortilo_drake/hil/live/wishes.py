@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class Wishes(NamedTuple):
-    """The values of the controls."""
+    """The values of the controls at a tick."""
 
     lost: dict[str, float] = {}  # noqa: RUF012 - never changed
     """share of each sensor's messages that is lost, beside what the scenario's link loses [1]."""

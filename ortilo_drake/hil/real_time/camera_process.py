@@ -1,6 +1,6 @@
-"""The camera in a process of its own, and the detector in a thread, so that neither holds up a tick of its half.
+"""The camera in its own process, and the detector in its own thread, so that neither delays a tick of its half.
 
-Drawing a picture takes 15 ms. To the detector go pictures, and detections messages come out when they are ready.
+Drawing a picture takes 15 ms. The detector takes pictures and returns detections messages when they are ready.
 """
 
 import multiprocessing
@@ -21,9 +21,9 @@ from ortilo_drake.scenario import Scenario
 
 
 class CameraProcess:
-    """Draws the pictures of a scenario's rendered camera on request, and sends them on a bus; a context manager.
+    """A process that draws the pictures of a rendered camera on request and sends them on a bus; a context manager.
 
-    Of several requests that wait it draws only the newest.
+    Of several waiting requests it draws only the newest.
     """
 
     def __init__(self, scenario: Scenario, url: str, key: bytes):
@@ -35,7 +35,7 @@ class CameraProcess:
 
     def __enter__(self) -> "CameraProcess":
         self._process.start()
-        self._child_end.close()  # while it is open here, this process cannot notice that the child has ended
+        self._child_end.close()  # while this end is open here, this process cannot notice that the child has ended
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -47,11 +47,11 @@ class CameraProcess:
 
     @property
     def skipped(self) -> int:
-        """The number of pictures that were asked for and not drawn."""
+        """The number of pictures that were requested but not drawn."""
         return self._skipped.value
 
     def wait_until_ready(self) -> None:
-        """Return once it has drawn a first picture; InputError with its reason if it cannot."""
+        """Return once the process has drawn a first picture; InputError with the reason if it cannot."""
         try:
             error = self._jobs.recv()
         except EOFError:
@@ -61,9 +61,9 @@ class CameraProcess:
             raise InputError(f"camera: {error}")
 
     def shoot(self, session: int, tick: int, stamp: float, x: np.ndarray) -> None:
-        """Have a picture drawn as seen from the state x (12) at a stamp [s], and sent as of a tick.
+        """Request a picture from the true state x (12) at a stamp [s], to be sent as a packet of a tick.
 
-        The flight goes on without pictures if the process has ended.
+        If the process has ended, the flight goes on without pictures.
         """
         try:
             self._jobs.send((session, tick, stamp, x))
@@ -103,10 +103,10 @@ def _draw(scenario_json: str, url: str, key: bytes, jobs: Connection, skipped: "
 
 
 class DetectorThread:
-    """Looks at one picture at a time of a rendered camera, outside of Python's lock.
+    """A thread that detects landmarks in one picture at a time of a rendered camera, outside of Python's lock.
 
-    Of those that come meanwhile it keeps the newest, and counts the others as skipped. InputError if the detector's
-    files are wrong.
+    Of the pictures that come meanwhile it keeps the newest and counts the others as skipped. InputError if the
+    detector's files are wrong.
     """
 
     def __init__(self, scenario: Scenario):
@@ -120,7 +120,7 @@ class DetectorThread:
         self._jobs.pop().result()
 
     def look(self, stamp: float, image: np.ndarray) -> None:
-        """Give it a picture (height, width, 4), uint8, taken at a stamp [s]."""
+        """Give the detector a picture (height, width, 4), uint8, taken at a stamp [s]."""
         looked_at = [job for job in self._jobs if not job.cancel()]
         self.skipped += len(self._jobs) - len(looked_at)
         self._jobs = [*looked_at, self._pool.submit(self._message, stamp, image)]
@@ -129,7 +129,7 @@ class DetectorThread:
         return detections_message(stamp, *self._detect(image[..., :3]))
 
     def newest(self) -> np.ndarray | None:
-        """Return the newest detections message, each only once; None if there is none."""
+        """Return the newest detections message that is ready, each only once; None if there is none."""
         ready = [job for job in self._jobs if job.done()]
         self._jobs = [job for job in self._jobs if job not in ready]
         return ready[-1].result() if ready else None

@@ -1,4 +1,4 @@
-"""A histogram of the latencies from sensing to command."""
+"""A histogram of the latencies from sensor messages to command."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from ortilo_drake.views.pictures import save_picture
 
 
 def latency_figure(latencies_ms: np.ndarray, h: float, path: Path) -> Path:
-    """Draw the latencies of the commands [ms], if any came, and a line at one tick h [s]; return path."""
+    """Draw the latencies of the commands [ms], if there are any, and a line at one tick h [s]; return the path."""
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes = figure.subplots()
     if len(latencies_ms):

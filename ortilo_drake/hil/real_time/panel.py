@@ -1,7 +1,7 @@
-"""A live panel of a flight in real time, in a terminal; and the table of a profile.
+"""A live panel of a flight in real time, in a terminal, and the table of a profile.
 
-The panel is drawn in Rich's own thread, four times a second. While it is shown, Python lets threads take turns a
-hundred times as often as by default (every 5 ms), so that a tick never waits for the drawing.
+Rich draws the panel in its own thread, four times a second. While the panel is shown, Python switches threads a hundred
+times as often as by default (every 5 ms), so that a tick never waits for the drawing.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from ortilo_drake.hil.real_time.real_time_world import FlightSoFar, Statistics
 from ortilo_drake.hil.real_time.tick_timing import Quantiles
 
 DRAWINGS_PER_SECOND: Final = 4
-SWITCH_INTERVAL: Final = 5e-5  # how long a thread may keep another waiting [s]
+SWITCH_INTERVAL: Final = 5e-5  # longest time for which a thread may delay another [s]
 _COLOURS = {"command": "green", "hold": "yellow", "descend": "red"}
 
 
@@ -36,7 +36,7 @@ def _alarm(count: int) -> str:
 
 
 def panel(figures: FlightSoFar) -> Panel:
-    """Return the panel of a flight so far."""
+    """Return the panel of a flight under way."""
     timing, mode, packets = figures.timing, figures.failsafe, figures.packets
     factor = timing.real_time_factor
     table = Table.grid(padding=(0, 2))
@@ -52,7 +52,7 @@ def panel(figures: FlightSoFar) -> Panel:
 
 
 def profile_table(rows: list[ProfileRow], name: str) -> Table:
-    """Return the table of hil/real_time/profile.py's rows, of a scenario's name."""
+    """Return the table of a profile's rows (hil/real_time/profile.py), titled with the scenario's name."""
     table = Table(title=f"{escape(name)}: the onboard half's tick", title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("block")
     for title in ("median [us]", "p99 [us]", "share [%]"):
@@ -65,9 +65,9 @@ def profile_table(rows: list[ProfileRow], name: str) -> Table:
 
 @contextlib.contextmanager
 def live_panel(console: Console) -> Iterator[Callable[[Statistics], None]]:
-    """Show the panel while in the context, if the console is a terminal, and yield show_statistics of run_world.
+    """Show the panel within the context, if the console is a terminal; yield the function show_statistics of run_world.
 
-    Until that is called the panel says that the world waits.
+    Until this function is called the panel says that the world waits.
     """
     figures: Statistics | None = None
 

@@ -1,13 +1,13 @@
 """A profile of the onboard half: the time that each block takes on this machine.
 
-Two onboard halves take the same messages, tick by tick, in lockstep with a world. One does its tick as in flight, timed
-as a whole. In the other every output port is evaluated on its own, in dataflow order, and then every block's discrete
-update: Drake keeps what is evaluated already, so each time is that block's alone. A block is a leaf of the onboard
-Diagram or of a Diagram in it, such as the estimator. What the whole took beyond the sum of its blocks is Drake's:
-putting the messages (and a picture) on the input ports, events, caches, the context.
+Two onboard halves take the same messages, tick by tick, in lockstep with a world. The first does its tick as in flight,
+timed as a whole. In the second every output port is evaluated on its own, in dataflow order, and then every block's
+discrete update. Drake caches values, so each time is that of one block alone. A block is a leaf of the onboard Diagram
+or of a Diagram in it, such as the estimator. The time of the whole beyond the sum of its blocks is Drake's: to put the
+messages (and a picture) on the input ports, for events, caches and the context.
 
-The world and its pictures are not timed, nor is the link. A detector is timed as a block here, on the tick; in flight
-in real time it has its own thread (hil/real_time/camera_process.py).
+The world, its pictures and the link are not timed. A detector is timed here as a block within the tick; in flight in
+real time it has its own thread (hil/real_time/camera_process.py).
 """
 
 import time
@@ -25,15 +25,15 @@ from ortilo_drake.hil.real_time.warm_up import TICKS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-PROFILE_TICKS = 600  # that the command times
+PROFILE_TICKS = 600  # number of ticks that the command times
 WHOLE, REST = "whole tick", "Drake"  # the two rows that are not blocks
 
 
 @dataclass(frozen=True)
 class ProfileRow:
-    """A block's time over the ticks [us], and its share of all the time, from 0 to 1.
+    """A block's median and 99th percentile time of a tick [us], and its share of the whole time [1].
 
-    Drake's share may be below 0, as the times scatter.
+    Drake's share may be below 0, because the times scatter.
     """
 
     block: str
@@ -43,7 +43,7 @@ class ProfileRow:
 
 
 def time_blocks(onboard: OnboardHalf, ports: list[OutputPort], updating: list[System]) -> dict[str, float]:
-    """Evaluate block by block a tick whose messages were taken; return the time of each block [s] by its path."""
+    """Evaluate a tick, whose messages were received, block by block; return the time of each block [s] by its path."""
     work: list[tuple[System, Callable[[Context], Any]]] = [(port.get_system(), port.Eval) for port in ports]
     work += [(system, system.EvalUniquePeriodicDiscreteUpdate) for system in updating]
     spent = {system.GetSystemPathname(): 0.0 for system, _ in work}
@@ -56,7 +56,7 @@ def time_blocks(onboard: OnboardHalf, ports: list[OutputPort], updating: list[Sy
 
 
 def time_whole(onboard: OnboardHalf, messages: Signals) -> tuple[Signals, float]:
-    """Do a whole tick as in flight; return its outputs and its time [s]."""
+    """Do a whole tick as in flight; return the outputs and the time of the tick [s]."""
     begin = time.perf_counter()
     onboard.receive(messages)
     onboard.answer()
@@ -66,7 +66,7 @@ def time_whole(onboard: OnboardHalf, messages: Signals) -> tuple[Signals, float]
 
 
 def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[ProfileRow]:
-    """Return the blocks, the costliest first, Drake's rest and the whole tick, from the times in every tick [s]."""
+    """Return rows of the blocks, slowest first, of Drake's rest and the whole tick, given their times per tick [s]."""
     rest = whole - sum(spent.values(), start=np.zeros_like(whole))
     blocks = sorted(spent, key=lambda name: -float(np.sum(spent[name])))
     columns = {name: spent[name] for name in blocks} | {REST: rest, WHOLE: whole}
@@ -82,9 +82,9 @@ def rows_of(spent: dict[str, np.ndarray], whole: np.ndarray) -> list[ProfileRow]
 
 
 def profile_onboard(scenario: Scenario, ticks: int) -> list[ProfileRow]:
-    """Fly so many ticks of a scenario in this process and time the onboard half; return the rows of rows_of.
+    """Fly `ticks` ticks of a scenario in this process and time the onboard half; return the rows of rows_of.
 
-    They are as many as the flight has, if it has fewer; a few before them are not timed. InputError if there is none.
+    A shorter flight gives fewer ticks. The first TICKS ticks are not timed. InputError if no tick is left to time.
     """
     last = min(ticks + TICKS, flight_ticks(scenario))
     if last <= TICKS:
@@ -110,23 +110,23 @@ Port = tuple[str, int]  # a leaf's path and the index of one of its ports
 
 
 def leaves(diagram: Diagram) -> list[System]:
-    """Return the systems of a Diagram that are no Diagrams, with those of the Diagrams in it."""
+    """Return all leaf systems of a Diagram, also within its inner Diagrams."""
     systems = diagram.GetSystems()
     return [leaf for s in systems for leaf in (leaves(s) if isinstance(s, Diagram) else [s])]
 
 
 def block_names(diagram: Diagram) -> dict[str, str]:
-    """Return the block's name of every leaf by its path: the leaf's own, or its type's; of equal ones with a number."""
+    """Return the block name of every leaf by its path: the leaf's own name or type, with a number for equal names."""
     names, counts = {}, Counter[str]()
     for leaf in leaves(diagram):
-        own = leaf.get_name().rpartition("/")[2].partition("@")[0]  # Drake's for none: drake/systems/Gain@<address>
+        own = leaf.get_name().rpartition("/")[2].partition("@")[0]  # Drake's default: drake/systems/Gain@<address>
         counts[own] += 1
         names[leaf.GetSystemPathname()] = own if counts[own] == 1 else f"{own} {counts[own]}"
     return names
 
 
 def dataflow_order(diagram: Diagram) -> list[OutputPort]:
-    """Return the output ports of a Diagram's leaves, each after those that its value depends on."""
+    """Return the output ports of a Diagram's leaves, each after the ports that its value depends on."""
     sources, systems = _sources(diagram), {leaf.GetSystemPathname(): leaf for leaf in leaves(diagram)}
     ports = {(path, j): s.get_output_port(j) for path, s in systems.items() for j in range(s.num_output_ports())}
     order: dict[Port, OutputPort] = {}
@@ -140,7 +140,7 @@ def dataflow_order(diagram: Diagram) -> list[OutputPort]:
                 append(sources[path, i])
         order[key] = ports[key]
 
-    for key in ports:  # the recursion ends, as Drake refuses algebraic loops
+    for key in ports:  # the recursion ends, because Drake refuses algebraic loops
         append(key)
     return list(order.values())
 
@@ -151,7 +151,7 @@ def updating_systems(diagram: Diagram) -> list[System]:
 
 
 def _sources(diagram: Diagram) -> dict[Port, Port]:
-    """Return for each connected input port of a leaf the leaf's output port that feeds it."""
+    """Return the output port of a leaf that feeds each connected input port of a leaf."""
     connections = diagram.connection_map().items()
     found = {port: _output_of(of, int(j)) for (to, i), (of, j) in connections for port in _inputs_of(to, int(i))}
     for system in diagram.GetSystems():
@@ -160,14 +160,14 @@ def _sources(diagram: Diagram) -> dict[Port, Port]:
 
 
 def _inputs_of(system: System, i: int) -> list[Port]:
-    """Return the leaves' input ports that an input port leads to."""
+    """Return the input ports of leaves to which an input port leads."""
     if not isinstance(system, Diagram):
         return [(system.GetSystemPathname(), i)]
     return [port for s, j in system.GetInputPortLocators(InputPortIndex(i)) for port in _inputs_of(s, int(j))]
 
 
 def _output_of(system: System, j: int) -> Port:
-    """Return the leaf's output port that an output port is."""
+    """Return the output port of the leaf behind an output port."""
     while isinstance(system, Diagram):
         system, j = system.get_output_port_locator(OutputPortIndex(j))
     return system.GetSystemPathname(), int(j)

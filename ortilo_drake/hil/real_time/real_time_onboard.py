@@ -1,9 +1,9 @@
 """The onboard half in real time: it ticks with the world while packets arrive, and by its own clock otherwise.
 
-Tick k begins when all that the world sent in it is here, or half a tick after it was expected. The offset of the
-world's clock is estimated from its packets, by the least delay seen lately (as in D. L. Mills, RFC 5905, clock filter);
-so two machines need no common time. A message that is later than its tick enters in a tick after it, with its own
-stamp; filter.delay says what becomes of it.
+Tick k begins when all packets that the world sent in it are here, or half a tick after they were expected. The offset
+of the world's clock is estimated from its packets, by the least recent delay (as in D. L. Mills, RFC 5905, clock
+filter), so two machines need no common time. A message that comes after its tick enters in a later tick, with its own
+stamp; the estimator's setting `delay` says how the filter uses it.
 """
 
 import time
@@ -29,33 +29,33 @@ from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.signals import STAMP
 from ortilo_drake.scenario import Scenario
 
-CLOCK_WINDOW: Final = 150  # ticks of the world over which the least delay is taken
+CLOCK_WINDOW: Final = 150  # number of the world's ticks over which the least delay is taken
 
 
 class OnboardTicks:
-    """The ticks of an onboard half; all times are one clock's [s].
+    """The ticks of an onboard half; all times are by one clock [s].
 
-    It joined the flight at the first tick, None before; the next one comes. Ages counts the messages that were taken at
-    each age in ticks.
+    `first` is the tick at which the half joined the flight, None before; `next` is the coming tick. `ages` counts the
+    messages taken at each age [ticks].
     """
 
     def __init__(self, scenario: Scenario):
         self._h, estimator = scenario.h, scenario.estimator
-        # A filter that replays puts a late message into its own tick; for any other, an older message is a step back.
+        # A filter that replays puts a late message into its own tick; other filters must not take an older message.
         self._horizon = history_ticks(estimator.horizon, scenario.h) if estimator.delay == "replay" else 0
         self._inbox = TickInbox()
-        self._offsets: deque[float] = deque(maxlen=CLOCK_WINDOW)  # time of the world's tick 0, plus a delay
+        self._offsets: deque[float] = deque(maxlen=CLOCK_WINDOW)  # times of the world's tick 0, each plus a delay
         self.first: int | None = None
         self.next = 0
         self.ages: Counter[int] = Counter()
 
     @property
     def overtaken(self) -> int:
-        """The number of messages dropped for a newer one."""
+        """The number of messages dropped because a newer one had come."""
         return self._inbox.overtaken
 
     def receive(self, packet: Packet, received: float) -> None:
-        """Take a packet of the world; the first tick that it lists is the first of this half."""
+        """Take a packet of the world; the first packet `tick` sets the first tick of this half."""
         if packet.name == "tick":
             self._offsets.append(received - packet.tick * self._h)
             if self.first is None:
@@ -63,15 +63,15 @@ class OnboardTicks:
         self._inbox.put(packet)
 
     def due(self) -> float:
-        """Return the latest time at which the next tick begins, complete or not; inf before the flight is joined."""
+        """Return the time at which the next tick begins at the latest, complete or not; inf before the half joined."""
         return min(self._offsets) + (self.next + 0.5) * self._h if self._offsets else np.inf
 
     def begins(self, now: float) -> bool:
-        """Return whether the next tick begins now."""
+        """Return whether the next tick begins at the time `now`."""
         return self.first is not None and (self._inbox.is_complete(self.next) or now >= self.due())
 
     def next_messages(self) -> Signals:
-        """Return the messages of the next tick, and go on to the one after."""
+        """Return the messages of the next tick, and go on by one tick."""
         k = self.next
         messages = self._inbox.pop_until(k, keep_from=k + 1 - self._horizon)
         for message in messages.values():
@@ -80,7 +80,7 @@ class OnboardTicks:
         return messages
 
     def count_age(self, k: int, message: np.ndarray) -> None:
-        """Count the age of a message that is taken in tick k."""
+        """Count the age of a message taken in tick k."""
         self.ages[round(k - message[STAMP] / self._h)] += 1
 
 
@@ -100,18 +100,18 @@ def answer_in_real_time(
 
     Args:
         scenario: the scenario.
-        onboard: its onboard half, at the start.
-        outbox: to the world.
-        inbox: hears hello, goal, tick and the sensors' messages of this flight.
-        detector: looks at the pictures, if there is a rendered camera; onboard then takes detections.
+        onboard: the onboard half of the scenario, at its start.
+        outbox: sends to the world.
+        inbox: receives hello, goal, tick and the sensors' messages of this flight.
+        detector: takes the pictures of a rendered camera, if there is one; `onboard` then takes detections.
         progress: called with the number of every tick.
-        record: called in every tick with the messages taken and the outputs, but None for the true state.
-        checkpoint: a file to write at every tick; from it this half goes on if the flight has begun already.
-        goals: takes the goals of a user; by default they are not heard.
+        record: called in every tick with None for the true state, the messages taken, and the outputs.
+        checkpoint: a file to write at every tick; from it this half goes on if the flight has already begun.
+        goals: takes the goals of a user; by default goals are ignored.
         say: takes a line about a checkpoint that cannot be written; the flight goes on without it.
 
     Returns:
-        How many ticks it answered, and its figures.
+        The number of ticks answered, and the figures.
     """
     ticks, session = OnboardTicks(scenario), outbox.session
     heard = time.perf_counter()
@@ -150,7 +150,7 @@ def answer_in_real_time(
             onboard.advance()
             if record:
                 record(k, None, messages, outputs)
-            if goals:  # after the tick's command is sent, so that goals never delay it
+            if goals:  # only after the tick's command is sent, so that goals never delay the command
                 step = goals.step(ticks.next * scenario.h, onboard.path)
                 goal = step.taken
                 for answer in step.answers:
@@ -173,7 +173,7 @@ def _report(ticks: OnboardTicks, silent: int | None) -> tuple[int, OnboardFigure
 
 
 def join_flight(onboard: OnboardHalf, checkpoint: Path | None, session: int, tick: int, h: float) -> None:
-    """Join a flight that is under way at a tick, from the checkpoint and its path if they are there and fit."""
+    """Join a flight under way at a tick of h [s], with the checkpoint and its path if they exist and fit the flight."""
     path = load_path(checkpoint, session) if checkpoint else None
     if path:
         onboard.fly_path(path)

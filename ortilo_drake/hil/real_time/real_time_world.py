@@ -1,7 +1,7 @@
 """The world paced by the wall clock.
 
-It sends its messages at every tick t_k and looks for a command every millisecond; a command acts from the millisecond
-after it came. While none comes the failsafe flies (world/vehicle/failsafe.py).
+The world sends its messages at every tick t_k and polls for a command every millisecond. A command acts from the
+millisecond after its receipt. While no command comes, the failsafe flies (world/vehicle/failsafe.py).
 """
 
 import math
@@ -30,9 +30,9 @@ from ortilo_drake.scenario import Scenario
 
 
 class FlightRecord:
-    """Collects the ticks of a flight, and records each once its telemetry has had time to arrive, in order.
+    """A collector of a flight's ticks, which records each tick, in order, once its telemetry has had time to arrive.
 
-    Outputs that were lost are recorded as NaN.
+    Lost outputs are recorded as NaN.
     """
 
     def __init__(self, scenario: Scenario, record: Record | None):
@@ -43,21 +43,21 @@ class FlightRecord:
         self._recorded = 0
 
     def send(self, x: np.ndarray, messages: Signals) -> None:
-        """Take the true state (12) and the messages of the next tick."""
+        """Add the true state x (12) and the messages of the next tick."""
         self._states.append(x)
         self._sent.append(messages)
 
     def receive(self, packet: Packet) -> None:
-        """Take a command or telemetry."""
+        """Add a packet with a command or telemetry."""
         outputs = {"control": packet.value} if packet.name == "command" else packet.value
         self._heard.setdefault(packet.tick, {}).update(outputs)
 
     def state(self, tick: int) -> np.ndarray:
-        """Return the true state (12) of a tick."""
+        """Return the true state x (12) at a tick."""
         return self._states[tick]
 
     def outputs(self, tick: int) -> Signals:
-        """Return the onboard half's outputs of a tick; NaN where nothing came."""
+        """Return the onboard half's outputs at a tick; NaN for outputs that never came."""
         heard = self._heard.get(tick, {})
         return {name: heard.get(name, np.full(size, np.nan)) for name, size in self._sizes.items()}
 
@@ -70,14 +70,14 @@ class FlightRecord:
             self._recorded = k + 1
 
     def dataset(self, scenario: Scenario, lost: Lost | None) -> xr.Dataset:
-        """Return the flight, as flight.fly does but without its real_time_factor."""
+        """Return the Dataset of the flight as flight.fly does, without the attributes player and real_time_factor."""
         rows = [np.concatenate([x, *self.outputs(k).values()]) for k, x in enumerate(self._states)]
         return flight_dataset(scenario, np.arange(len(rows)) * scenario.h, np.array(rows), lost)
 
 
 @dataclass(frozen=True)
 class FlightSoFar:
-    """A flight under way: the timing of its ticks, its time [s], the counts of the commands, failsafe.MODES."""
+    """A flight under way: timing of its ticks, simulated time [s], counts of commands, mode (one of failsafe.MODES)."""
 
     timing: TimingFigures
     simulated_s: float
@@ -87,10 +87,10 @@ class FlightSoFar:
 
 Statistics = Callable[[], FlightSoFar]
 
-COMMAND_PERIOD: Final = 1e-3  # [s]
-SPIN: Final = 1.5e-3  # with less time left than this it spins: a wait for a packet might return too late [s]
-HEARTBEAT: Final = 0.1  # between two hellos in flight, for an onboard half that joins then [s]
-LATE_TELEMETRY: Final = 0.5  # how long to wait for the telemetry of a tick [s]
+COMMAND_PERIOD: Final = 1e-3  # period at which the world polls for a command [s]
+SPIN: Final = 1.5e-3  # with less time left than this the world spins: a wait for a packet might return too late [s]
+HEARTBEAT: Final = 0.1  # period of hellos in flight, for an onboard half that joins later [s]
+LATE_TELEMETRY: Final = 0.5  # longest wait for the telemetry of a tick [s]
 
 
 def fly_in_real_time(
@@ -105,22 +105,22 @@ def fly_in_real_time(
     record: Record | None = None,
     show_statistics: Callable[[Statistics], None] | None = None,
 ) -> tuple[xr.Dataset, TickTiming]:
-    """Fly a world in real time on the commands that come over a link.
+    """Fly a world in real time with the commands that come over a link.
 
     Args:
         scenario: the scenario.
-        world: its world, with COMMAND_PERIOD, at the start.
-        outbox: to the onboard half.
-        inbox: hears command and telemetry of this flight.
+        world: the world of the scenario, with COMMAND_PERIOD, at its start.
+        outbox: sends to the onboard half.
+        inbox: receives command and telemetry of this flight.
         greeter: says hello.
-        camera: draws the pictures, if there is a rendered camera.
-        seconds: end after that much of the flight; by default at its end.
+        camera: draws the pictures of a rendered camera, if there is one.
+        seconds: end after this time of the flight [s]; by default at the end of the flight.
         progress: called with the number of every tick.
-        record: called with everything of a tick LATE_TELEMETRY after it; outputs that were lost are NaN.
-        show_statistics: called before the first tick with a function that gives the figures so far, in any thread.
+        record: called with state, messages and outputs of each tick LATE_TELEMETRY later; lost outputs are NaN.
+        show_statistics: called before the first tick with a function that any thread may call for the figures so far.
 
     Returns:
-        The flight, as flight.fly gives it but NaN where the telemetry of a tick was lost, and the timing of its ticks.
+        The flight as flight.fly returns it, with NaN where the telemetry of a tick was lost, and the timing of ticks.
     """
     ticks = flight_ticks(scenario) if seconds is None else round(seconds * scenario.control_rate)
     room, h, timing = scenario.load_room(), scenario.h, TickTiming(scenario.h)
@@ -132,10 +132,10 @@ def fly_in_real_time(
     start = time.perf_counter()
 
     def listen(until: float) -> None:
-        """Take packets until a time of the flight."""
+        """Take packets up to a time of the flight [s]."""
         for received, packet in _polled(inbox, start + until):
             if packet.name == "hello" or packet.tick > k + lag:
-                continue  # no onboard half is that far ahead, even of a world that was delayed
+                continue  # no honest onboard half is that far ahead, even if the world was delayed
             flown.receive(packet)
             if packet.name == "command":
                 timing.answered(packet.tick, received)
@@ -162,7 +162,7 @@ def fly_in_real_time(
         for i, moment in enumerate(moments):
             listen(moment)
             world.advance_to(moment, command.value, command.tick * h)
-            if i == len(moments) // 2:  # midway, where it delays neither this tick's command nor the next tick
+            if i == len(moments) // 2:  # halfway, where recording delays neither this tick's command nor the next tick
                 flown.record_until(k - lag)
     listen(time.perf_counter() - start + LATE_TELEMETRY)
     flown.record_until(k + 1)
@@ -172,27 +172,27 @@ def fly_in_real_time(
 
 
 def look_times(begin: float, end: float) -> list[float]:
-    """Return the times at which the world polls for a command: multiples of COMMAND_PERIOD, and the tick's end."""
+    """Return the times [s] at which the world polls for commands: multiples of COMMAND_PERIOD, and the tick's end."""
     first, last = math.floor(begin / COMMAND_PERIOD + 1e-6) + 1, math.ceil(end / COMMAND_PERIOD - 1e-6)
     return [*(n * COMMAND_PERIOD for n in range(first, last)), end]
 
 
 class Command:
-    """The newest command: its tick, u (4) and when it was received [s of the flight]; hovering before the first."""
+    """The newest command: its tick, and its value u (4) with time of receipt [s of the flight]; hover at the start."""
 
     def __init__(self, hover_thrust: float):
         self.value = np.array([hover_thrust, 0.0, 0.0, 0.0, 0.0])
         self.tick = -1
 
     def receive(self, packet: Packet, received: float) -> None:
-        """Take a command, unless a newer one has overtaken it."""
+        """Take a command, unless a newer command came before."""
         if packet.tick > self.tick:
             self.tick = packet.tick
             self.value[:4], self.value[4] = packet.value, received
 
 
 def _polled(inbox: Inbox, until: float) -> Iterator[Arrival]:
-    """Yield the packets that arrive until a time of time.perf_counter()."""
+    """Yield the packets that arrive up to a time of time.perf_counter() [s]."""
     while True:
         left = until - time.perf_counter()
         yield from inbox.poll(1 if left > SPIN else 0)

@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Quantiles:
-    """Median, 99th percentile and greatest of some values; None each of no values."""
+    """Median, 99th percentile and maximum of some values; all None if there are no values."""
 
     median: float | None = None
     p99: float | None = None
@@ -16,7 +16,7 @@ class Quantiles:
 
 @dataclass(frozen=True)
 class TimingFigures:
-    """Figures of the ticks of a flight in real time."""
+    """The timing figures of the ticks of a flight in real time."""
 
     ticks: int
     """how many there were."""
@@ -37,14 +37,14 @@ class TimingFigures:
 
 
 def quantiles(values: np.ndarray) -> Quantiles:
-    """Return median, p99 and max."""
+    """Return median, 99th percentile and maximum of values (n)."""
     if not len(values):
         return Quantiles()
     return Quantiles(float(np.median(values)), float(np.quantile(values, 0.99)), float(np.max(values)))
 
 
 class TickTiming:
-    """The world's record of its ticks, of h [s], and of the commands that answered them; by time.perf_counter() [s]."""
+    """The world's record of its ticks of h [s] and of the commands that answered them; times of time.perf_counter()."""
 
     def __init__(self, h: float):
         self._h = h
@@ -53,17 +53,17 @@ class TickTiming:
         self._answered: dict[int, float] = {}
 
     def sent(self, due: float, now: float) -> None:
-        """Note that the next tick, due at a time, was sent at a time."""
+        """Note that the next tick was due at the time `due` and sent at the time `now` [s]."""
         self._due.append(due)
         self._sent.append(now)
 
     def answered(self, tick: int, now: float) -> None:
-        """Note when the first command of a tick came; one of a tick that was not sent is ignored."""
+        """Note the time of a tick's first command [s]; a command of a tick that was not sent is ignored."""
         if tick < len(self._sent):
             self._answered.setdefault(tick, now)
 
     def latencies_ms(self, ticks: int | None = None) -> np.ndarray:
-        """Return the latencies of the first ticks that are answered, or all: messages sent to command received [ms]."""
+        """Return the latencies [ms], messages sent to command received, of the first `ticks` answered, or all."""
         return self._after(self._sent, ticks)
 
     def _after(self, times: list[float], ticks: int | None) -> np.ndarray:
@@ -71,9 +71,9 @@ class TickTiming:
         return np.array([1e3 * (now - times[k]) for k, now in answered if ticks is None or k < ticks])
 
     def summary(self, ticks: int | None = None) -> TimingFigures:
-        """Return the figures of the first ticks, all by default.
+        """Return the figures of the first `ticks` ticks, all by default.
 
-        In flight leave out the present one, which is not answered yet. Another thread may call this meanwhile.
+        In flight leave out the present tick, which is not answered yet. Another thread may call this method in flight.
         """
         ticks = len(self._sent) if ticks is None else ticks
         latencies, beyond = self.latencies_ms(ticks), self._after(self._due, ticks) - 1e3 * self._h

@@ -1,4 +1,4 @@
-"""Preparation of a process for real time, so that nothing is compiled or garbage-collected in flight."""
+"""Preparation of a process for real time, so that no code is compiled and no garbage collected in flight."""
 
 import contextlib
 import gc
@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from ortilo_drake.flight.stepped_halves import OnboardHalf, WorldHalf
 from ortilo_drake.scenario import Scenario
 
-TICKS = 12  # enough for every sensor to send, and every message to enter the filter
+TICKS = 12  # enough ticks for every sensor to send, and for every message to enter the filter
 
 
 def warm_up(scenario: Scenario) -> None:
-    """Fly a moment of the halves in this process, so that numba compiles or loads all that the onboard half calls.
+    """Fly both halves briefly in this process, so that numba compiles or loads all functions of the onboard half.
 
-    The boxes of a rendered camera are projected for that moment: nothing is drawn.
+    Meanwhile the boxes of a rendered camera are projected: nothing is drawn.
     """
     flown = scenario.projected()
     world, onboard = WorldHalf(flown), OnboardHalf(flown)
@@ -23,7 +23,7 @@ def warm_up(scenario: Scenario) -> None:
         onboard.outputs()
         onboard.advance()
         world.advance(control)
-    if scenario.is_rendered:  # its half takes detections: another program
+    if scenario.is_rendered:  # in flight its onboard half takes detections, which is different code
         onboard = OnboardHalf(scenario, detects=False)
         onboard.receive({})
         onboard.answer()
@@ -33,7 +33,7 @@ def warm_up(scenario: Scenario) -> None:
 
 @contextlib.contextmanager
 def no_collecting() -> Iterator[None]:
-    """Keep Python from searching for reference cycles: a tick makes none, and the search takes many milliseconds."""
+    """Keep Python from searching for reference cycles: a tick makes none, and a search takes many milliseconds."""
     gc.collect()
     gc.freeze()
     collects = gc.isenabled()

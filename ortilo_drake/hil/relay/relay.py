@@ -1,12 +1,12 @@
 """A process between the halves that passes their packets on, with the faults of a bad link.
 
-Every packet of a channel draws its own uniform numbers (world/noise.py), a pure function of seed, channel and number,
-so its fate depends neither on the clock nor on other channels, except where a rate limit makes packets of one direction
-wait for each other. Loss is the Gilbert-Elliott model (E. N. Gilbert, "Capacity of a burst-noise channel", 1960; E. O.
-Elliott, 1963) with one chain a channel.
+Every packet of a channel draws its own uniform numbers (world/noise.py), a pure function of seed, channel and packet
+number. So its faults depend neither on the clock nor on other channels, except where a rate limit makes packets of one
+direction wait for each other. Loss follows the Gilbert-Elliott model (E. N. Gilbert, "Capacity of a burst-noise
+channel", 1960; E. O. Elliott, 1963) with one chain for each channel.
 
-Each half has a bus of its own. The world serves its bus and the relay joins it; the relay serves the onboard half's,
-which joins that. Listeners, and users who ask for a goal, are on the world's bus. Both buses have the same key.
+Each half has its own bus. The world serves its bus and the relay joins it. The relay serves the other bus and the
+onboard half joins it. Listeners, and users who request a goal, are on the world's bus. Both buses have the same key.
 """
 
 import heapq
@@ -33,7 +33,7 @@ _CHAIN, _LOST, _DELAY, _TWICE, _SECOND_DELAY, _HELD, _N = 0, 1, 2, 3, 4, 5, 6  #
 
 
 class Faults(Frozen):
-    """The faults of one direction; none by default."""
+    """The faults of one direction of the link; no faults by default."""
 
     loss: Probability = 0.0
     """probability of losing a packet outside a burst."""
@@ -60,12 +60,12 @@ class Faults(Frozen):
 
 
 def delay_of(faults: Faults, u: float) -> float:
-    """Return the delay [s] that a uniform number gives."""
+    """Return the delay [s] for a uniform number u in [0, 1)."""
     return max(0.0, faults.delay + faults.spread * (2.0 * u - 1.0))
 
 
 def delays_of_packet(faults: Faults, in_burst: bool, u: np.ndarray) -> list[float]:
-    """Return the delay [s] of each copy of a packet that arrives, by its uniform numbers (6): none, one or two."""
+    """Return the delays [s] of the copies (none, one or two) of a packet that arrive, given its uniform numbers (6)."""
     if u[_LOST] < (faults.burst_loss if in_burst else faults.loss):
         return []
     hold = faults.hold if u[_HELD] < faults.held else 0.0
@@ -74,16 +74,16 @@ def delays_of_packet(faults: Faults, in_burst: bool, u: np.ndarray) -> list[floa
 
 
 class FaultModel:
-    """The faults of one direction of a link, packet by packet: it counts each channel's packets and keeps its bursts.
+    """The faults of one direction of a link, packet by packet, with the packet count and burst state of each channel.
 
-    Each direction, by its name, has random numbers of its own from the seed.
+    Each direction has its own random numbers, from the seed and the direction's name.
     """
 
     def __init__(self, faults: Faults, seed: int, name: str):
         self._faults, self._seed, self._name = faults, seed, name
         self._numbers: Counter[str] = Counter()
         self._in_burst: dict[str, bool] = {}
-        self._free = -np.inf  # time [s] from which the next packet may go under a rate
+        self._free = -np.inf  # time from which the rate limit allows the next packet [s]
         self.counts: Counter[str] = Counter(taken=0, lost=0, crowded=0, duplicated=0, sent=0)
 
     def _steps_into_burst(self, channel: str, u: float) -> bool:
@@ -93,7 +93,7 @@ class FaultModel:
         return bad
 
     def _turn(self, now: float) -> float | None:
-        """Return the time at which a packet may go; None if too many wait."""
+        """Return the time at which a packet may leave [s]; None if too many packets wait."""
         if not self._faults.rate:
             return now
         turn = max(now, self._free)
@@ -103,7 +103,7 @@ class FaultModel:
         return turn
 
     def due_times(self, channel: str, now: float) -> list[float]:
-        """Return the times [s] at which copies of a packet taken now arrive: none, one or two."""
+        """Return the arrival times [s] of the copies (none, one or two) of a packet taken at the time `now` [s]."""
         u = uniforms(self._seed, stream_id(f"{self._name} {channel}"), self._numbers[channel], _N)
         self._numbers[channel] += 1
         self.counts["taken"] += 1
@@ -120,17 +120,17 @@ class FaultModel:
 
 
 _FROM_ONBOARD: Final = ("command", "telemetry")
-_FROM_ONBOARD_LARGEST: Final = 2**18  # bytes: telemetry of a sensor with 170 rows; pictures only go the other way
-_WAIT = 1  # [ms]
+_FROM_ONBOARD_LARGEST: Final = 2**18  # [bytes]; telemetry of a sensor with 170 rows; pictures go the other way only
+_WAIT = 1  # longest wait for packets of the world in one turn [ms]
 
 
 class _Direction:
-    """Packets on their way from one half's bus to the other's, the next due first."""
+    """The packets on their way from one half's bus to the other's, the next due first."""
 
     def __init__(self, half: str, source: Bus, target: Bus, faults: FaultModel):
         self._target, self.faults = target, faults
         self._due: list[tuple[float, int, str, bytes]] = []
-        self._order = itertools.count()  # breaks ties, first come first served
+        self._order = itertools.count()  # decides between equal times: first come, first served
         for name in (*_FROM_ONBOARD, *NO_TICK) if half == "onboard" else (*ports(), "tick", *NO_TICK):
             source.subscribe(channel_of(name), partial(self._take, name))
 
@@ -139,7 +139,7 @@ class _Direction:
             heapq.heappush(self._due, (due, next(self._order), channel_of(name), data))
 
     def release(self, now: float) -> None:
-        """Publish what is due."""
+        """Publish the packets that are due."""
         while self._due and self._due[0][0] <= now:
             _, _, channel, data = heapq.heappop(self._due)
             self._target.publish(channel, data)
@@ -157,12 +157,12 @@ def run_relay(
     stop: Event | None = None,
     ready: Event | None = None,
 ) -> dict[str, dict[str, int]]:
-    """Pass packets on until the seconds are over, `stop` is set or Ctrl-C is pressed; then return their counts.
+    """Pass packets on for `seconds`, or until `stop` is set or Ctrl-C is pressed; then return the counts of packets.
 
-    The world serves one bus, the relay the onboard half's, with the same key; `ready` is set once it listens. The
-    faults of each direction, none by default, are drawn by the seed. The counts, for "to_onboard" and "to_world", are
-    of packets taken, lost, crowded (out of a full queue), duplicated and sent; those taken and not yet due at the end
-    are not sent. InputError if a bus cannot be opened or both are the same.
+    The world serves the bus at `url_world`, the relay the one at `url_onboard`, with the same key. `ready` is set once
+    the relay listens. The faults of each direction, none by default, are drawn with the seed. The counts for
+    "to_onboard" and "to_world" are of packets taken, lost, crowded (dropped from a full queue), duplicated and sent;
+    packets not yet due at the end are not sent. InputError if a bus cannot be opened or both are the same.
     """
     if address(url_world) == address(url_onboard):
         raise InputError(f"url: {url_world!r}: the relay needs two different buses, one for each half")

@@ -1,8 +1,8 @@
 """A flight behind a relay in virtual time: the same as in real time, but without waiting.
 
 The world's millisecond, the relay's faults and the onboard half's ticks are those of real_time_world.py, relay.py and
-real_time_onboard.py; only the time is counted instead of waited for, and computing takes none of it. So flights
-compare faults and filters bit for bit, on any machine and whatever else that has to do.
+real_time_onboard.py. But time is counted instead of waited for, and computing takes no time. So comparisons of faults
+and filters repeat bit for bit, on any machine under any load.
 """
 
 import heapq
@@ -30,7 +30,7 @@ NONE: Final = Faults()
 
 
 class _Way:
-    """The packets on their way in one direction of the relay."""
+    """The packets on their way in one direction of the relay, in virtual time."""
 
     def __init__(self, faults: FaultModel):
         self._faults, self._order = faults, itertools.count()
@@ -42,7 +42,7 @@ class _Way:
             heapq.heappush(self._due, (due, next(self._order), packet))
 
     def arrived(self, now: float) -> list[tuple[float, Packet]]:
-        """Return the packets that have arrived by now, with their times; without duplicates, as inbox.Inbox does."""
+        """Return the packets that arrived up to `now` [s], with their times and without duplicates, as inbox.Inbox."""
         came = []
         while self._due and self._due[0][0] <= now:
             due, _, packet = heapq.heappop(self._due)
@@ -55,9 +55,9 @@ class _Way:
 def fly_in_virtual_time(
     scenario: Scenario, to_onboard: Faults = NONE, to_world: Faults = NONE, seed: int = 1
 ) -> xr.Dataset:
-    """Fly both halves of a scenario behind a relay of that seed and return the flight; telemetry is not lost.
+    """Fly both halves of a scenario behind a relay with the given seed and return the flight; no telemetry is lost.
 
-    InputError if the scenario cannot be flown so: the pictures of a rendered camera take time.
+    InputError if the scenario renders pictures, which take time.
     """
     if scenario.is_rendered:
         raise InputError(f"{scenario.name}: camera: must be 'projected' in virtual time")
@@ -101,10 +101,9 @@ def fly_in_virtual_time(
 
 
 def summary_in_virtual_time(scenario_json: str, to_onboard: str, to_world: str, seed: int, file: str) -> Summary:
-    """Fly a scenario and seed behind a relay of the next seed; write and return the flight's summary.
+    """Fly a scenario with a seed behind a relay with the seed + 1; write and return the flight's summary.
 
-    For worker processes: scenario and faults come as JSON. A file that is there already is read instead, unless it is
-    damaged.
+    For worker processes: scenario and faults come as JSON. An existing file is read instead, unless it is damaged.
     """
     path = Path(file)
     there: Summary | None = kept_json(path, Summary, in_folder(path))

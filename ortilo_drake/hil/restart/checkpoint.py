@@ -1,7 +1,7 @@
-"""Checkpoints, from which an onboard process goes on where a killed one stopped.
+"""Checkpoints, from which an onboard process goes on where a killed process stopped.
 
-One file holds the state and is replaced at every tick. A path that is not the scenario's is in a second file beside it,
-which is replaced when the path changes.
+One file holds the state; it is replaced at every tick. A path other than the scenario's is in a second file beside the
+first, which is replaced when the path changes.
 """
 
 import io
@@ -18,12 +18,12 @@ from ortilo_drake.model.input_files import arrays_of
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.goal_path import knots, through
 
-MAX_AGE = 5.0  # [s]: the vehicle is elsewhere by then, and an older checkpoint is not used
+MAX_AGE = 5.0  # largest age of a checkpoint that is used [s]; after a longer time the vehicle is elsewhere
 T = TypeVar("T")
 
 
 class Checkpoint(NamedTuple):
-    """The discrete state of an onboard half at a tick of a session, all groups in one vector."""
+    """The discrete state of an onboard half at a tick of a session, with all groups in one vector."""
 
     session: int
     tick: int
@@ -31,20 +31,20 @@ class Checkpoint(NamedTuple):
 
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
-    """Write a checkpoint; a reader sees the old one or the new one. InputError if that fails."""
+    """Write a checkpoint; a reader sees the old one or the new one. InputError if the file cannot be written."""
     _replace(path, "checkpoint", session=checkpoint.session, tick=checkpoint.tick, state=checkpoint.state)
 
 
 def _replace(path: Path, of: str, **arrays: npt.ArrayLike) -> None:
     if path.exists() and not path.is_file():
-        raise InputError(f"{path}: cannot be written: is no regular file")  # a full pipe would stop the flight
+        raise InputError(f"{path}: cannot be written: is no regular file")  # a full pipe would block the flight
     packed = io.BytesIO()
     np.savez(packed, **arrays)  # type: ignore[arg-type]  # no array is named allow_pickle
-    keep(path, packed.getvalue(), of, sync=False)  # useless after a loss of power; a disk may take 10 ms
+    keep(path, packed.getvalue(), of, sync=False)  # useless after a loss of power, and a disk may take 10 ms to sync
 
 
 def _read(path: Path, of: str, make: Callable[[Mapping[str, np.ndarray]], T]) -> T | None:
-    """Make an object of a file's arrays; None if there is no file, or, with a warning, if it is damaged."""
+    """Return `make` of a file's arrays; None if there is no file, or, with a warning, if the file is damaged."""
 
     def read(data: bytes) -> T:
         with arrays_of(io.BytesIO(data)) as file:
@@ -54,14 +54,14 @@ def _read(path: Path, of: str, make: Callable[[Mapping[str, np.ndarray]], T]) ->
 
 
 def session_of(path: Path) -> int:
-    """Return the session that a checkpoint is of; 0 if there is none, or it is damaged."""
+    """Return the session of a checkpoint; 0 if there is no checkpoint, or it is damaged."""
     return _read(path, "checkpoint", lambda file: int(file["session"])) or 0
 
 
 def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) -> Checkpoint | None:
-    """Return the checkpoint in a file if it fits the flight, a session at a tick, ticks of h [s] and a state's size.
+    """Return the checkpoint in a file if it fits a flight: its session, tick, length h of a tick [s] and state size.
 
-    None if it does not, is missing or damaged.
+    None if the checkpoint does not fit, is missing or is damaged.
     """
 
     def make(file: Mapping[str, np.ndarray]) -> Checkpoint:
@@ -74,17 +74,17 @@ def load_checkpoint(path: Path, session: int, tick: int, h: float, size: int) ->
 
 
 def path_file(checkpoint: Path) -> Path:
-    """Return the file of the path that belongs to a checkpoint."""
+    """Return the name of the path file that belongs to a checkpoint file."""
     return checkpoint.with_suffix(".path.npz")
 
 
 def save_path(checkpoint: Path, session: int, path: PiecewisePolynomial) -> None:
-    """Write the path that a session flies from now on, beside its checkpoint. InputError if that fails."""
+    """Write the path that a session flies from now on, beside its checkpoint; InputError if it cannot be written."""
     _replace(path_file(checkpoint), "path", session=session, knots=knots(path))
 
 
 def load_path(checkpoint: Path, session: int) -> PiecewisePolynomial | None:
-    """Return the path that a session flew last; None if it is the scenario's, or the file is damaged."""
+    """Return the path that a session flew last; None if it flew the scenario's path, or the file is damaged."""
 
     def make(file: Mapping[str, np.ndarray]) -> PiecewisePolynomial | None:
         its_knots = np.array(file["knots"], dtype=float)

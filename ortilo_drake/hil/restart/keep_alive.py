@@ -1,7 +1,7 @@
-"""A parent process that keeps an onboard half, or a bridge, going: when its child is killed, it forks the next at once.
+"""A parent process that keeps an onboard half or a bridge going: when its child is killed, it forks another at once.
 
-The parent has imported, compiled and planned all that a flight needs before it forks, so a child has only to open the
-bus and build its diagram (with a rendered camera also to load the detector).
+Before it forks, the parent has imported, compiled and planned everything that a flight needs. So a child only has to
+open the bus and build its diagram, and with a rendered camera to load the detector.
 """
 
 import os
@@ -16,20 +16,20 @@ from typing import Final
 
 from ortilo_drake.model.typed_yaml import InputError
 
-TOO_SOON: Final = 2.0  # [s]: a process killed sooner after its start is taken for one that never flew
-TRIES: Final = 3  # how many such processes in a row are replaced
-LOOK_EVERY: Final = 0.005  # between two looks at whether the process has ended, or is to end [s]
+TOO_SOON: Final = 2.0  # a process killed sooner after its start counts as one that never flew [s]
+TRIES: Final = 3  # number of such processes in a row after which the parent gives up
+LOOK_EVERY: Final = 0.005  # period of checks whether the child has ended or must end [s]
 ENDING: Final = (signal.SIGTERM, signal.SIGINT)
 
 
 class _Ending:
-    """A handler of the signals that end parent and child: it notes the first, and passes each on to the child.
+    """A handler of the signals that end parent and child: it notes the first signal, and passes each on to the child.
 
-    It raises nothing: an exception of a handler while os.fork runs would be lost, and the child with it.
+    It raises no exception: an exception of a handler during os.fork would be lost, and the child with it.
     """
 
     def __init__(self) -> None:
-        self.number = self.child = 0  # of the signal, and of the process that flies; 0 while there is none
+        self.number = self.child = 0  # number of the signal, and of the child process; 0 while there is none
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         self.number = self.number or number
@@ -38,12 +38,12 @@ class _Ending:
 
 
 def keep_alive(fly: Callable[[int], None], say: Callable[[str], None], name: str = "onboard half") -> int:
-    """Call fly in a child process, again whenever a signal has killed it; return how many were killed.
+    """Call `fly` in a child process, again whenever a signal has killed it; return the number of killed processes.
 
-    It is called with the number of those killed before. What it raises ends child and parent, with the line of
-    `ortilo`. Every start is told (by the child, before it flies), every end by a signal, and an InputError. SystemExit
-    with the child's code if that is not 0, and on SIGTERM, after the child has received it too; KeyboardInterrupt on
-    Ctrl-C, likewise; InputError if TRIES in a row were killed TOO_SOON.
+    `fly` is called with the number of processes killed before. If it raises an exception, child and parent end. `say`
+    takes a line about each start (from the child, before it flies), each end by a signal, and an InputError. SystemExit
+    with the child's code if the code is not 0, and on SIGTERM; KeyboardInterrupt on Ctrl-C. Both signals also go to the
+    child first. InputError if TRIES processes in a row were killed within TOO_SOON.
     """
     killed = in_a_row = 0
     ending = _Ending()
@@ -72,10 +72,10 @@ def keep_alive(fly: Callable[[int], None], say: Callable[[str], None], name: str
 
 
 def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _Ending, name: str) -> tuple[int, int]:
-    """Call fly in a child process and wait for its end; return its number and its status."""
+    """Call `fly` in a child process and wait for its end; return the child's process number and status."""
     sys.stdout.flush()
     sys.stderr.flush()
-    unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)  # until the child has handlers of its own
+    unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)  # until the child has its own handlers
     child = os.fork()
     if not child:
         code = 1
@@ -88,10 +88,10 @@ def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _
             os._exit(code)
     ending.child = child
     signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
-    if ending.number:  # the signal came before the child was there
+    if ending.number:  # the signal came before ending.child was set
         os.kill(child, ending.number)
-    # With WNOWAIT no other process gets its number while we may send it signals. An endless wait would sleep through a
-    # signal that another thread has taken, as one does while this one has them blocked.
+    # With WNOWAIT the child keeps its number while we may send it signals. A blocking wait would miss a signal that
+    # another thread receives, as one does while this thread blocks the signals.
     while os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT | os.WNOHANG) is None:
         time.sleep(LOOK_EVERY)
     ending.child = 0
@@ -99,7 +99,7 @@ def _fly_in_child(fly: Callable[[], None], say: Callable[[str], None], ending: _
 
 
 def _exit_code(fly: Callable[[], None], say: Callable[[str], None], name: str) -> int:
-    """Call fly in the child; return the exit code for the child."""
+    """Call `fly` in the child; return the exit code of the child."""
     code = 1
     try:
         say(f"{name}: process {os.getpid()}")

@@ -1,4 +1,4 @@
-"""Files that a flight can do without, a log or a checkpoint: a full disk must not end the flight."""
+"""Writing of files that a flight does not need, a log or a checkpoint: a full disk must not end the flight."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,9 +7,10 @@ from ortilo_drake.model.typed_yaml import InputError
 
 
 class UntilItFails:
-    """A function called in flight until it first raises InputError; then no more.
+    """A function that is called in flight until it first raises InputError.
 
-    That is told in a line, and kept as `error` to be raised once the flight is over; None if there was none.
+    `say` then takes a line about the error. `error` keeps the error, to be raised after the flight; None if there is
+    none.
     """
 
     def __init__(self, write: Callable[..., None], say: Callable[[str], None]):
@@ -17,7 +18,7 @@ class UntilItFails:
         self.error: InputError | None = None
 
     def __call__(self, *arguments: Any) -> None:
-        """Call the function, if it has not failed yet."""
+        """Call the function, unless it has failed before."""
         if self.error is None:
             try:
                 self._write(*arguments)

@@ -11,13 +11,13 @@ IPAddress = ipaddress.IPv4Address | ipaddress.IPv6Address
 
 
 class Address(NamedTuple):
-    """A host's IP address, and a TCP port of it."""
+    """The IP address of a host, and a TCP port."""
 
     host: IPAddress
     port: int
 
     def endpoint(self, serves: bool) -> str:
-        """Return the ZeroMQ endpoint; a server on all interfaces (0.0.0.0) is joined on this machine."""
+        """Return the ZeroMQ endpoint; a process joins a server on all interfaces (0.0.0.0) through loopback."""
         host = self.host
         if host.is_unspecified and not serves:
             host = ipaddress.ip_address("127.0.0.1" if host.version == 4 else "::1")
@@ -25,9 +25,9 @@ class Address(NamedTuple):
 
 
 def address(url: str) -> Address:
-    """Return the address that a URL names: a name's first of IPv4, or its first if it has none.
+    """Return the address that a URL names; for a host name the first IPv4 address, or the first of any kind.
 
-    InputError if it is not of the form tcp://HOST:PORT, or its host is not known.
+    InputError if the URL is not of the form tcp://HOST:PORT, or its host is unknown.
     """
     allowed = f"url: {url!r} is not of the form tcp://HOST:PORT, with PORT from 1 to 65535"
     try:
@@ -35,7 +35,7 @@ def address(url: str) -> Address:
         host, port = parts.hostname, parts.port
     except ValueError:
         raise InputError(allowed) from None
-    # A host * is one that getaddrinfo takes for every interface.
+    # getaddrinfo would take the host * for all interfaces.
     if url != f"tcp://{parts.netloc}" or not host or not port or "@" in parts.netloc or host == "*":
         raise InputError(allowed)
     if "%" in host:
@@ -44,10 +44,10 @@ def address(url: str) -> Address:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
         raise InputError(f"url: {url!r}: no host {host!r} is known") from None
-    first = min(found, key=lambda each: each[0] != socket.AF_INET)  # who serves 0.0.0.0 does not serve IPv6
+    first = min(found, key=lambda each: each[0] != socket.AF_INET)  # a server on 0.0.0.0 does not serve IPv6
     return Address(ipaddress.ip_address(first[4][0]), port)
 
 
 def leaves_machine(url: str) -> bool:
-    """Return whether others than this machine can take part in a bus."""
+    """Return whether other machines can take part in the bus at a URL."""
     return not address(url).host.is_loopback

@@ -1,15 +1,15 @@
 """The bus between the processes of a flight: messages on channels, by ZeroMQ over TCP, encrypted by CURVE.
 
-One process serves a bus, which is the world, or the relay on the onboard half's side. All others join it. What one of
-them publishes comes to the server, which hands it on to the rest.
+One process serves a bus: the world, or the relay on the onboard half's side. All other processes join the bus. The
+server receives each message that is published, and passes it on to all other processes.
 
-Both ends know the key of key_file.py. From it come two pairs of CURVE keys, one of the server and one of all who
-join: the secret keys are
+All processes know the key of key_file.py. From the key come two pairs of CURVE keys, one for the server and one for all
+processes that join. The secret keys are
 
     s_server = HMAC-SHA-256(key, "ortilo server"),  s_joins = HMAC-SHA-256(key, "ortilo joins")
 
-The server admits nobody with other keys than these, and who joins talks to no other server. CURVE refuses what was
-recorded, repeated or changed on the way.
+The server admits only processes with these keys, and a process that joins talks to no other server. CURVE refuses
+messages that were recorded, repeated or changed on the way.
 """
 
 import errno
@@ -28,23 +28,23 @@ from zmq.utils.monitor import parse_monitor_message
 from ortilo_drake.hil.wire.address import address
 from ortilo_drake.model.typed_yaml import InputError
 
-LARGEST: Final = 2**24  # bytes of a message that whoever joins takes: a picture of the widest camera
-QUEUE: Final = 1000  # messages that wait for one process; more are dropped
-AT_ONCE: Final = 256  # messages that one call of handle takes at most
-_FLUSH: Final = 1000  # how long a closed bus may take to send what was published [ms]
-_RETRY: Final = 50  # between two attempts to join [ms]
-_HANDSHAKE: Final = 2_000  # after which a connection that has not shown its key is closed [ms]
-_CURVE: Final = 33  # bytes by which encryption lengthens a message
-_ALIVE: Final = 1000, 5000  # between two signs of life, and how long to wait for one [ms]
-_HERE: Final = b""  # a message that tells the server to send us the others'
-_DOMAIN: Final = "ortilo"  # of the gate
+LARGEST: Final = 2**24  # largest message that a process which joined takes, a picture of the widest camera [bytes]
+QUEUE: Final = 1000  # most messages that wait for one process; more are dropped
+AT_ONCE: Final = 256  # most messages that one call of handle takes
+_FLUSH: Final = 1000  # longest time for a closed bus to send published messages [ms]
+_RETRY: Final = 50  # time between two attempts to join [ms]
+_HANDSHAKE: Final = 2_000  # a connection that has not shown its key within this time is closed [ms]
+_CURVE: Final = 33  # number of bytes that encryption adds to a message
+_ALIVE: Final = 1000, 5000  # period of signs of life, and longest wait for one [ms]
+_HERE: Final = b""  # a message that asks the server to send us the messages of the others
+_DOMAIN: Final = "ortilo"  # domain of the gate
 _REFUSED: Final = (
     zmq.Event.HANDSHAKE_FAILED_NO_DETAIL | zmq.Event.HANDSHAKE_FAILED_PROTOCOL | zmq.Event.HANDSHAKE_FAILED_AUTH
 )
 
 
 def curve_keys(key: bytes, whose: str) -> tuple[bytes, bytes]:
-    """Return the public and the secret CURVE key of the "server", or of whoever "joins", in Z85."""
+    """Return the public and the secret CURVE key, in Z85, of the "server" or of a process that "joins"."""
     secret = z85.encode(hmac.digest(key, f"ortilo {whose}".encode(), "sha256"))
     return zmq.curve_public(secret), secret
 
@@ -54,7 +54,7 @@ def _has_some(socket: "zmq.Socket[bytes]") -> bool:
 
 
 class _Admits(NamedTuple):
-    """Admits those who have a public key."""
+    """A check that admits only connections with a given public key."""
 
     public: bytes
 
@@ -63,21 +63,22 @@ class _Admits(NamedTuple):
 
 
 class Bus:
-    """One process's end of a bus at tcp://HOST:PORT. Not safe for use from several threads; only handle receives.
+    """One process's end of a bus at tcp://HOST:PORT. It is not thread-safe; only `handle` receives.
 
-    All its processes share a key (32 bytes); one serves it, and who joins may not care to hear the others. A message of
-    more than the largest number of bytes ends its connection: whoever connects can have as much memory taken up, before
-    it has shown its key. Refused counts, under "key", connections with another key or of another kind and, under
-    "frames", messages that are no channel and data. InputError if the URL is none, or it cannot be served.
+    All processes share a key (32 bytes). One process serves the bus. With `hears` False a process that joins receives
+    nothing. A message of more than `largest` bytes ends its connection, because any process that connects can occupy
+    as much memory before it shows its key. `refused` counts, under "key", connections with another key or of another
+    kind and, under "frames", messages that are not channel and data. InputError if the URL is invalid, or the bus
+    cannot be served.
     """
 
     def __init__(self, url: str, key: bytes, serves: bool = False, hears: bool = True, largest: int = LARGEST):
         self.url, self.refused = url, Counter[str]()
         self._serves, self._hears = serves, hears
-        self._others: dict[bytes, None] = {}  # who joined, for the server
+        self._others: dict[bytes, None] = {}  # on the server, the processes that joined
         self._takers: dict[str, list[Callable[[bytes], None]]] = {}
         self._context = zmq.Context()
-        self._context.setsockopt(zmq.RCVHWM, 0)  # a full monitor would hold up ZeroMQ's thread
+        self._context.setsockopt(zmq.RCVHWM, 0)  # a full monitor would block ZeroMQ's thread
         self._socket = self._context.socket(zmq.ROUTER if serves else zmq.DEALER)
         self._gate = ThreadAuthenticator(self._context)
         for option, value in (
@@ -102,8 +103,8 @@ class Bus:
         self._gate.configure_curve_callback(_DOMAIN, _Admits(curve_keys(key, "joins")[0]))
         self._socket.curve_publickey, self._socket.curve_secretkey = curve_keys(key, "server")
         self._socket.curve_server = True
-        self._socket.zap_domain, self._socket.zap_enforce_domain = _DOMAIN.encode(), True  # no gate, no way in
-        self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)  # so that send says who has gone
+        self._socket.zap_domain, self._socket.zap_enforce_domain = _DOMAIN.encode(), True  # without a gate admit nobody
+        self._socket.setsockopt(zmq.ROUTER_MANDATORY, 1)  # so that send raises for a process that has left
         try:
             self._socket.bind(endpoint)
         except zmq.ZMQError as error:
@@ -120,9 +121,9 @@ class Bus:
         self._socket.connect(endpoint)
 
     def publish(self, channel: str, data: bytes) -> None:
-        """Send a message. It is lost to whoever has not joined, or has QUEUE messages waiting.
+        """Send a message. A process that has not joined, or has QUEUE messages waiting, does not receive it.
 
-        Who joins may publish before the server is there: the message is sent once it is.
+        A process that joins may publish before the server is there: the message is sent once the server is.
         """
         self._send([channel.encode(), data])
 
@@ -131,22 +132,22 @@ class Bus:
             try:
                 self._socket.send_multipart([other, *message] if self._serves else message, zmq.NOBLOCK)
             except zmq.Again:
-                continue  # it has QUEUE messages waiting
+                continue  # this process has QUEUE messages waiting
             except zmq.ZMQError as error:
                 if error.errno != errno.EHOSTUNREACH:
                     raise
                 del self._others[other]
 
     def subscribe(self, channel: str, take: Callable[[bytes], None]) -> None:
-        """Have a function called with each message on a channel."""
+        """Call `take` with each message on a channel from now on."""
         self._takers.setdefault(channel, []).append(take)
 
     def unsubscribe(self, channel: str, take: Callable[[bytes], None]) -> None:
-        """Have a function called no more."""
+        """Call `take` no more for messages on a channel."""
         self._takers[channel].remove(take)
 
     def handle(self, timeout_ms: int = 0) -> int:
-        """Hand on the messages that have come on subscribed channels; return how many. Wait for the first so long."""
+        """Pass on the messages on subscribed channels; return how many. Wait up to `timeout_ms` [ms] for the first."""
         until = time.perf_counter() + 1e-3 * timeout_ms
         handed, left = 0, timeout_ms
         while True:
@@ -162,7 +163,7 @@ class Bus:
             left = int(1e3 * (until - time.perf_counter()))  # a message for others may have ended the wait
 
     def _take(self, frames: list[bytes]) -> bool:
-        """Take a message, and hand it on to the others; return whether somebody here listens to its channel."""
+        """Take a message, and as the server pass it on; return whether this process subscribed to its channel."""
         sender = frames.pop(0) if self._serves else b""
         if self._serves and frames == [_HERE]:
             self._others[sender] = None
@@ -178,7 +179,7 @@ class Bus:
         return bool(takers)
 
     def _watch(self) -> None:
-        """Count connections that were refused; tell the server, at each connection to it, that we are here."""
+        """Count refused connections; at each connection to the server, ask it to send us messages."""
         for _ in range(AT_ONCE):
             if not _has_some(self._monitor):
                 break
@@ -189,7 +190,7 @@ class Bus:
                 self._send([_HERE])
 
     def close(self) -> None:
-        """Leave the bus, once what was published is sent."""
+        """Leave the bus, once all published messages are sent."""
         self._socket.disable_monitor()
         self._monitor.close(0)
         self._socket.close()

@@ -1,12 +1,12 @@
 """The handshake: the two halves agree on protocol, scenario and session before a flight.
 
-The world says hello ten times a second. An onboard half that hears it answers with a number that it drew, its nonce.
-The world flies with the first half to answer; from then on its hellos hold that half's nonce. In flight the world goes
-on saying hello, with its tick: an onboard half may join again, and listeners and users may join. They take nothing that
-was sent before that tick.
+The world says hello ten times a second. An onboard half that hears the hello answers with a random number, its nonce.
+The world flies with the first half that answers; from then on the world's hellos hold the nonce of that half. In flight
+the world continues to say hello, with its tick. So an onboard half may join again, and listeners and users may join.
+They take no packet that was sent before that tick.
 
-A half that speaks another version of the protocol, or flies another scenario, is refused by name; so is a second
-onboard half. Who has not the key does not get this far (bus.py).
+A half with another version of the protocol or another scenario is refused with the reason; so is a second onboard half.
+A process without the key does not get this far (bus.py).
 """
 
 import hashlib
@@ -23,25 +23,25 @@ from ortilo_drake.hil.wire.unpack import Flight
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-PATIENCE: Final = 10.0  # after which a silent half is given up [s]
-OTHERS: Final = 1.0  # how long to listen whether another onboard half flies [s]
-EVERY: Final = 0.1  # between two hellos [s]
-REFUSALS: Final = 6  # hellos to a world of another scenario before the onboard half ends; a relay may lose some
+PATIENCE: Final = 10.0  # a half that is silent for this time is given up [s]
+OTHERS: Final = 1.0  # time to listen whether another onboard half flies [s]
+EVERY: Final = 0.1  # period of hellos [s]
+REFUSALS: Final = 6  # hellos to a world with another scenario before the onboard half ends; a relay may lose some
 
 
 def scenario_digest(scenario: Scenario) -> str:
-    """Return a digest of what the onboard half believes, its room included, which both halves must have in common."""
+    """Return a digest of the onboard half's belief and room, which both halves must have in common."""
     text = scenario.belief.model_dump_json() + scenario.load_room().model_dump_json()
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def draw() -> int:
-    """Return a positive random number of 62 bits, for a session or a nonce: no two are the same in practice."""
+    """Return a positive random number of 62 bits for a session or a nonce; in practice no two are the same."""
     return secrets.randbelow(2**62) + 1
 
 
 def flight_of(scenario: Scenario, session: int) -> Flight:
-    """Return what the packets of a flight of that number are checked against."""
+    """Return the Flight, with the number `session`, against which packets are checked."""
     shape = None
     if scenario.is_rendered:
         camera = scenario.load_room().camera.scaled_to(scenario.camera.width)
@@ -55,7 +55,7 @@ def say_hello(bus: Bus, hello: Hello) -> None:
 
 
 def refusal(hello: Hello, digest: str) -> str:
-    """Return the reason why a hello is not from our other half; empty if it is."""
+    """Return the reason why a hello is not from our other half; empty if it is from our other half."""
     if hello.protocol != PROTOCOL:
         return f"speaks protocol {hello.protocol}, this half {PROTOCOL}"
     if hello.scenario_digest != digest:
@@ -67,16 +67,16 @@ def refusal(hello: Hello, digest: str) -> str:
 
 
 def unheard(inbox: Inbox, wait: float, command: str) -> str:
-    """Return a line for a missing other half: how to start it, and whether one with another key was there."""
+    """Return a line about a missing other half: how to start it, and whether connections with other keys came."""
     strangers = inbox.counts().refused.get("key", 0)
     other = f"; {strangers} connections were refused: give both halves the same --key" if strangers else ""
     return f"not heard in {wait:g} s; start it with: {command}{other}"
 
 
 class MetFlight(NamedTuple):
-    """A flight under way that a process has met: whether the world waits for every answer, and its tick at that moment.
+    """A flight under way that a process has found, whether it flies in lockstep, and its tick at that moment.
 
-    It is chosen if the world flies with this process as its onboard half.
+    `is_chosen` says whether the world flies with this process as its onboard half.
     """
 
     flight: Flight
@@ -86,10 +86,10 @@ class MetFlight(NamedTuple):
 
 
 def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, role: str = "user") -> MetFlight:
-    """Find a world within `wait` [s] and the flight it flies; the inbox, which hears hello, then takes its packets.
+    """Find a world and its flight within `wait` [s]; the inbox, which must hear hello, then takes the flight's packets.
 
-    The role is "user", or "onboard" to fly it. A world that is still looking for its onboard half is waited for.
-    InputError if the world is not heard, has no onboard half, or flies another scenario than this process.
+    `role` is "user", or "onboard" to fly the flight. The function waits for a world that still searches for its onboard
+    half. InputError if the world is not heard, finds no onboard half, or flies another scenario than this process.
     """
     digest, nonce = scenario_digest(scenario), draw()
     until, last_sent, answer = time.monotonic() + wait, -1.0, None
@@ -117,7 +117,7 @@ def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, role: st
 
 
 def _is_commanded(bus: Bus, met: MetFlight) -> bool:
-    """Return whether somebody commands a flight at the moment."""
+    """Return whether any onboard half commands a flight at this moment."""
     commands = Inbox(bus, ("command",))
     commands.begin(met.flight, met.tick)
     try:
@@ -131,10 +131,10 @@ def _is_commanded(bus: Bus, met: MetFlight) -> bool:
 
 
 def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, last_session: int = 0) -> MetFlight:
-    """Find a world to fly, as find_world.
+    """Find a world to fly, as in find_world.
 
-    This half joins the session again at once that it flew when it was killed, the last. Before it joins any other
-    flight it listens whether another onboard half flies that; InputError if one does.
+    This half joins `last_session`, the session that it flew when it was killed, again at once. Before it joins any
+    other flight it listens whether another onboard half flies there; InputError if one does.
     """
     met = find_world(bus, inbox, scenario, wait, "onboard")
     if not met.is_chosen and met.flight.session != last_session and _is_commanded(bus, met):
@@ -143,7 +143,7 @@ def meet_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, last_ses
 
 
 class Greeter:
-    """The world's hellos, of a scenario; in lockstep the world waits for every answer."""
+    """The hellos of a scenario's world; in lockstep the world waits for every answer."""
 
     def __init__(self, bus: Bus, scenario: Scenario, lockstep: bool):
         self._bus, self._scenario = bus, scenario
@@ -151,7 +151,7 @@ class Greeter:
 
     @property
     def session(self) -> int:
-        """The flight's number."""
+        """The number of the flight."""
         return self._hello.session
 
     def is_answer(self, hello: Hello) -> bool:
@@ -159,12 +159,12 @@ class Greeter:
         return hello.role != "world" and hello.session == self.session
 
     def meet(self, nonce: int) -> Flight:
-        """Fly with the onboard half of a nonce; return the flight, which every hello names from now on."""
+        """Choose the onboard half with a nonce, which all later hellos hold; return the flight."""
         self._hello = self._hello._replace(state=FLYING, nonce=nonce)
         return flight_of(self._scenario, self.session)
 
     def say(self, tick: int = -1, state: str = "") -> None:
-        """Say hello at a tick; a state, if given, replaces the present one."""
+        """Say hello at a tick; `state`, if given, replaces the present state."""
         self._hello = self._hello._replace(tick=tick, state=state or self._hello.state)
         say_hello(self._bus, self._hello)
 
@@ -176,10 +176,10 @@ def meet_onboard(
     wait: float,
     check_alive: Callable[[], None] = lambda: None,
 ) -> Flight:
-    """Find the onboard half within `wait` [s], agree with it on a flight and return that, of which the inbox now hears.
+    """Find the onboard half within `wait` [s] and return the flight; the inbox then takes the flight's packets.
 
-    Meanwhile check_alive is called again and again; it raises if the onboard half will not come. InputError if that is
-    not there, or flies another scenario.
+    Meanwhile `check_alive` is called with each hello; it raises if the onboard half will not come. InputError if the
+    onboard half is not heard, or flies another scenario.
     """
     digest = scenario_digest(scenario)
     until, last_sent = time.monotonic() + wait, -1.0

@@ -1,4 +1,4 @@
-"""Inboxes: packets from a bus, checked and without duplicates; and those of the world put together tick by tick."""
+"""Inboxes: packets from a bus, checked and without duplicates; packets of the world put together tick by tick."""
 
 import heapq
 import time
@@ -13,12 +13,12 @@ from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.packets import Goal, Hello, channel_of
 from ortilo_drake.hil.wire.unpack import BadPacket, Flight, Packet, decode
 
-GOAL_AGE: Final = 10.0  # an older request is refused [s]
-REMEMBERED: Final = 4096  # ticks of a channel, more than a link holds a packet back
+GOAL_AGE: Final = 10.0  # an older request of a goal is refused [s]
+REMEMBERED: Final = 4096  # number of ticks of a channel that are remembered, more than a link delays a packet
 
 
 class Arrival(NamedTuple):
-    """A packet, and when it came: time.perf_counter() [s]."""
+    """A packet, and its time of receipt by time.perf_counter() [s]."""
 
     received: float
     packet: Packet
@@ -26,9 +26,10 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True)
 class PacketCounts:
-    """Counts of an inbox: packets accepted, of these late, that is overtaken by a newer one, and duplicates of them.
+    """The counts of an inbox.
 
-    Lost are gaps in the ticks of a channel, since the first it heard; rejected are those refused, by reason in refused.
+    `accepted` packets; of these `late`, which came after a newer packet; `duplicates` of accepted packets; `lost`, gaps
+    in the ticks of a channel since its first; `rejected` in all, and by reason in `refused`.
     """
 
     accepted: int
@@ -40,9 +41,9 @@ class PacketCounts:
 
 
 class _Seen:
-    """The REMEMBERED greatest ticks taken of a channel; those up to the last it forgot, or below a floor, are old.
+    """The REMEMBERED greatest ticks of a channel. Ticks up to the last forgotten one, or below a floor, are old.
 
-    A single tick far ahead makes no others old.
+    A single tick far ahead does not make other ticks old.
     """
 
     def __init__(self, floor: int = 0):
@@ -51,7 +52,7 @@ class _Seen:
         self._known: set[int] = set()
 
     def add(self, tick: int) -> bool:
-        """Remember a tick; return whether it is new. BadPacket if it is too old to tell."""
+        """Remember a tick; return whether it is new. BadPacket if it is too old to decide that."""
         if tick < self._floor:
             raise BadPacket("old")
         if tick in self._known:
@@ -66,15 +67,15 @@ class _Seen:
 
 
 class Inbox:
-    """Receives the packets of a flight from our channels; refuses and counts all others, and never raises.
+    """A receiver of the packets of a flight on our channels; it refuses and counts all other packets and never raises.
 
-    A packet is taken once: one for each tick of a channel. Hellos and goals are taken as often as they come. A packet
-    from before this half joined the flight is refused as "old". Refused are also those that fail unpack.py, and
-    what the bus refuses (bus.Bus). The channels to listen on are names of packets.KINDS or a sensor; only poll handles
-    the bus's subscriptions.
+    One packet is accepted for each tick of a channel; hellos and goals are accepted as often as they come. A packet
+    from before this process joined the flight is refused as "old". Packets that fail unpack.py are refused, and so is
+    all that the bus refuses (bus.Bus). `names` are the channels to listen on, of packets.KINDS or sensors. Only `poll`
+    receives from the bus.
 
-    Packets are checked against `flight`; with None only hellos pass, until begin. `tick` is the newest heard of, -1
-    before any.
+    Packets are checked against `flight`; while it is None, until `begin`, only hellos pass. `tick` is the newest tick
+    heard of, -1 before any.
     """
 
     def __init__(self, bus: Bus, names: Iterable[str], flight: Flight | None = None):
@@ -93,7 +94,7 @@ class Inbox:
             bus.subscribe(channel, take)
 
     def leave(self) -> None:
-        """Take nothing more from the bus."""
+        """Take no more packets from the bus."""
         for channel, take in self._takers.items():
             self._bus.unsubscribe(channel, take)
 
@@ -101,7 +102,7 @@ class Inbox:
         self._raw.append((name, time.perf_counter(), data))
 
     def begin(self, flight: Flight, tick: int = 0) -> None:
-        """Take the packets of a flight from a tick on, and count anew."""
+        """Take the packets of a flight from a tick on, and reset the counts."""
         self.flight, self._joined, self.tick = flight, tick, tick - 1
         self._seen = {name: _Seen(tick) for name in self._newest}
         self._count.clear()
@@ -109,9 +110,9 @@ class Inbox:
         self._bus.refused.clear()
 
     def poll(self, timeout_ms: int = 0) -> list[Arrival]:
-        """Return the packets that came and passed the checks, in order of arrival; wait for the first as long as given.
+        """Return the packets that passed the checks, in order of arrival; wait up to `timeout_ms` [ms] for the first.
 
-        A late packet, of an older tick than the newest of its channel, is returned.
+        A late packet, whose tick is older than the newest of its channel, is returned as well.
         """
         self._bus.handle(timeout_ms)
         arrivals = []
@@ -129,7 +130,7 @@ class Inbox:
         return arrivals
 
     def _is_new(self, name: str, packet: Packet) -> bool:
-        """Note a packet; return whether it is new. BadPacket if it is older than what is remembered."""
+        """Note a packet; return whether it is new. BadPacket if it is foreign or too old."""
         if isinstance(hello := packet.value, Hello):
             if self.flight and hello.session != self.flight.session:
                 raise BadPacket("foreign")
@@ -154,7 +155,7 @@ class Inbox:
     def counts(self, name: str = "") -> PacketCounts:
         """Return the counts so far.
 
-        Lost are those of the channel named; 0 without a name, as a sensor does not send in every tick.
+        `lost` counts the channel `name`; it is 0 without a name, because a sensor does not send in every tick.
         """
         lost = self._newest[name] + 1 - self._first.get(name, 0) - self._distinct[name] if name else 0
         refused = self._refused + self._bus.refused
@@ -163,9 +164,9 @@ class Inbox:
 
 
 class TickInbox:
-    """Puts the packets of each tick together; they may come in any order.
+    """A collector that puts the packets of each tick together; they may come in any order.
 
-    Overtaken counts the messages that were dropped for a newer one on the same port.
+    `overtaken` counts the messages that were dropped for a newer one on the same port.
     """
 
     def __init__(self) -> None:
@@ -174,25 +175,26 @@ class TickInbox:
         self.overtaken = 0
 
     def put(self, packet: Packet) -> None:
-        """Take a packet of the world."""
+        """Add a packet of the world."""
         if packet.name == "tick":
             self._sent[packet.tick] = packet.value
         else:
             self._messages.setdefault(packet.tick, {})[packet.name] = packet.value
 
     def is_complete(self, tick: int) -> bool:
-        """Return whether everything that was sent in a tick is here."""
+        """Return whether all messages that were sent in a tick are here."""
         return tick in self._sent and self._messages.get(tick, {}).keys() >= set(self._sent[tick])
 
     def pop(self, tick: int) -> Signals:
-        """Return a tick's messages and forget them."""
+        """Return the messages of a tick and remove them."""
         self._sent.pop(tick, None)
         return self._messages.pop(tick, {})
 
     def pop_until(self, tick: int, keep_from: int) -> Signals:
-        """Return the messages of a tick and late ones of earlier ticks; of several on a port the newest.
+        """Return the messages of a tick and late ones of earlier ticks; of several on one port the newest.
 
-        Those not returned are dropped, but kept from the tick keep_from on, for a later tick without one on their port.
+        The others are dropped; but from the tick `keep_from` on they are kept, for a later tick without a message on
+        their port.
         """
         taken: Signals = {}
         for k in sorted((k for k in self._messages if k <= tick), reverse=True):

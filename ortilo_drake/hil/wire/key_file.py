@@ -1,6 +1,6 @@
-"""The secret that both halves share: a file that only its owner can read, 64 hexadecimal digits.
+"""The secret that both halves share: a file of 64 hexadecimal digits that only its owner can read.
 
-The halves of one user on one machine share one, made when it is first needed. Two machines are given the same file.
+The halves of one user on one machine share one file, which is made when first needed. Two machines need copies of it.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ from ortilo_drake.model.typed_yaml import InputError
 
 KEY_SIZE: Final = 32
 STDIN: Final = "-"
-NO_SECRET: Final = hashlib.sha256(b"ortilo: no secret").digest()  # known to all who have the program
+NO_SECRET: Final = hashlib.sha256(b"ortilo: no secret").digest()  # a key that everybody with the program knows
 _TEXT: Final = 2 * KEY_SIZE
 
 
@@ -27,20 +27,20 @@ def new_key() -> bytes:
 
 
 def default_file() -> Path:
-    """Return the file of the key that the halves of one user share."""
+    """Return the path of the key file that the halves of one user share."""
     base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
     return Path(base) / "ortilo" / "key"
 
 
 def write_key(path: Path) -> None:
-    """Write a new key to a new file of mode 600; InputError if there is a file already, or none can be written."""
+    """Write a new key to a new file of mode 600; InputError if the file already exists or cannot be written."""
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with open(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
             file.write(f"{new_key().hex()}\n")
         try:
-            os.link(partial, path)  # unlike a renaming it replaces nothing, and nobody reads half of it
+            os.link(partial, path)  # unlike a renaming, a link replaces no file; and no reader sees half a file
         finally:
             partial.unlink()
     except OSError as error:
@@ -48,7 +48,7 @@ def write_key(path: Path) -> None:
 
 
 def read_key(path: Path) -> bytes:
-    """Return the key in a file; InputError if there is none, or others than this user may read it or wrote it."""
+    """Return the key in a file; InputError if there is no key, or if other users own the file or may access it."""
     try:
         opened = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError as error:
@@ -80,16 +80,16 @@ def own_key() -> bytes:
         try:
             write_key(path)
         except InputError:
-            if not os.path.lexists(path):  # another process may have been first
+            if not os.path.lexists(path):  # otherwise another process has made the file first
                 raise
     return read_key(path)
 
 
 def choose_key(url: str, file: str | None = None, insecure: bool = False) -> bytes:
-    """Return the key for a bus: that in a file, on stdin (STDIN), this user's own (None), or NO_SECRET if insecure.
+    """Return the key for a bus: from a file, from stdin (STDIN), this user's own (None), or NO_SECRET if insecure.
 
-    NO_SECRET keeps nobody out. InputError if the key cannot be had, or others than this machine can take part and none
-    was given.
+    NO_SECRET keeps nobody out. InputError if the key cannot be read, or if no key is given although other machines can
+    take part.
     """
     if insecure:
         if file is not None:

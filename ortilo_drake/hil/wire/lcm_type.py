@@ -1,8 +1,8 @@
-"""LCM types by their .lcm files: the bytes are those of the code that lcm-gen writes.
+"""LCM types, read from their .lcm files; the bytes equal those of the code that lcm-gen writes.
 
-A message is the type's fingerprint (8 bytes) and its fields in order, big-endian. A text is its length and its bytes,
-with a 0 at the end that counts; an array is its entries, whose number is in the type or in a field before it. Bytes
-come in arrays alone. The fingerprint is a hash of the fields' names, kinds and sizes.
+A message is the fingerprint of its type (8 bytes) and its fields in order, big-endian. A text is its length and its
+bytes with a final 0, which the length includes. An array is its entries; their number is in the type or in an earlier
+field. Bytes come only in arrays. The fingerprint is a hash of the fields' names, kinds and sizes.
 
 Source: LCM 1.5, "Type specification language" and lcmgen.c.
 """
@@ -13,13 +13,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
-CODES: Final = {"int32_t": "i", "int64_t": "q", "double": "d", "boolean": "?"}  # of struct
+CODES: Final = {"int32_t": "i", "int64_t": "q", "double": "d", "boolean": "?"}  # codes of Python's struct
 FIELD: Final = re.compile(r"^ +(\w+) (\w+)(?:\[(\w+)\])?;$", re.MULTILINE)
 WORD: Final = 2**64
 
 
 class Field(NamedTuple):
-    """A field: its name, its kind, and the size of an array, a number or another field's name; '' for no array."""
+    """A field: its name, its kind, and the size of an array (a number or the name of another field), '' if no array."""
 
     name: str
     kind: str
@@ -27,7 +27,7 @@ class Field(NamedTuple):
 
 
 def _hashed(fields: tuple[Field, ...]) -> bytes:
-    """Return the fingerprint of a type without other types in it."""
+    """Return the fingerprint of a type that contains no other types."""
     value = 0x12345678
 
     def update(by: int) -> None:
@@ -43,7 +43,7 @@ def _hashed(fields: tuple[Field, ...]) -> bytes:
 
 
 class LcmType:
-    """The LCM type in lcmtypes/lcmt_NAME.lcm, its fields in order and its fingerprint (8 bytes)."""
+    """The LCM type in lcmtypes/lcmt_NAME.lcm, with its fields in order and its fingerprint (8 bytes)."""
 
     def __init__(self, name: str):
         text = (Path(__file__).parent / "lcmtypes" / f"lcmt_{name}.lcm").read_text(encoding="utf-8")
@@ -51,7 +51,7 @@ class LcmType:
         self.fingerprint = _hashed(self.fields)
 
     def encode(self, **values: Any) -> bytes:
-        """Return the bytes of a message; the fields with sizes of arrays are not given, but counted."""
+        """Return the bytes of a message; leave out the fields with sizes of arrays, which are counted."""
         values |= {size: len(values[name]) for name, _, size in self.fields if size and not size.isdigit()}
         parts = [self.fingerprint]
         for name, kind, size in self.fields:
@@ -66,9 +66,9 @@ class LcmType:
         return b"".join(parts)
 
     def decode(self, data: bytes) -> SimpleNamespace:
-        """Return the fields of a message, without a check of its fingerprint; a text may end too early.
+        """Return the fields of a message. The fingerprint is not checked, and a text may be cut short.
 
-        struct.error if anything else ends too early, or the number of numbers or bytes is negative.
+        struct.error if any other field is cut short, or if an array of numbers or bytes has a negative size.
         """
         at, values = len(self.fingerprint), dict[str, Any]()
 

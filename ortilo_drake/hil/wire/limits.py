@@ -1,7 +1,7 @@
-"""Limits of each signal of a scenario: what its vehicle, its room, its sensors' noise and its links can give.
+"""Limits of each signal of a scenario, given by its vehicle, its room, its sensors' noise and its links.
 
-What the vehicle can do follows from the largest command and the room (sensors/envelope.py); each sensor's description
-has the limits of its payload. They are wide: an honest half never exceeds them, even if it flies badly.
+The limits of the vehicle's motion follow from the largest command and the room (sensors/envelope.py). Each sensor's
+description has the limits of its payload. The limits are wide: an honest half never exceeds them, even in a bad flight.
 """
 
 from typing import Final, NamedTuple
@@ -14,17 +14,17 @@ from ortilo_drake.sensors.described import described, measuring, port_of
 from ortilo_drake.sensors.envelope import envelope_of
 from ortilo_drake.sensors.messages import message_size
 
-LOOSE: Final = 1000.0  # times what the vehicle does: so wrong an estimate may be, of a filter that has lost it
-LARGEST: Final = 1e6  # of what a registered sensor sends, where it names no limits itself
-LATEST: Final = 1e6  # longer than any flight [s]; what it reports of later than now is not used onboard
-FARTHEST: Final = 1e4  # of a goal that somebody may ask for [m]; onboard it is refused if it is not in the room
+LOOSE: Final = 1000.0  # limit of an estimate over the vehicle's own limit, for a filter that has diverged
+LARGEST: Final = 1e6  # limit of the values of a registered sensor that names no limits itself
+LATEST: Final = 1e6  # limit of reported times, longer than any flight [s]; onboard does not use times in the future
+FARTHEST: Final = 1e4  # limit of a requested goal [m]; the onboard half refuses goals outside the room
 
 
 class Limits(NamedTuple):
-    """Limits of a vector's entries; message vectors begin with arrived and stamp.
+    """The limits `low` and `high` of a vector's entries; message vectors begin with arrived and stamp.
 
-    Entries at the indices in whole are whole numbers. A stamp may be `oldest` ticks old. The message carries so many
-    samples, 0 where it is one itself.
+    Entries at the indices `whole` are whole numbers. A stamp may be `oldest` ticks old. The message carries `samples`
+    samples, 0 if it is a single sample itself.
     """
 
     low: np.ndarray
@@ -41,7 +41,7 @@ def _symmetric(high: np.ndarray) -> Limits:
 def _message(
     low: np.ndarray, high: np.ndarray, oldest: int, whole: list[int] | None = None, samples: int = 1
 ) -> Limits:
-    """Return the limits of a message from those of the payload of one sample; check_stamp checks its stamps."""
+    """Return the limits of a message, given the limits of one sample's payload; check_stamp checks the stamps."""
     head = np.array([0.0, -np.inf]), np.array([1.0, np.inf])
     one = np.concatenate((head[0], low)), np.concatenate((head[1], high))
     indices = np.array([ARRIVED, *(PAYLOAD + i for i in whole or ())])
@@ -53,11 +53,11 @@ def _message(
 
 
 def limits_of(scenario: Scenario) -> dict[str, Limits]:
-    """Return the limits of every signal by its name: of the ports, MEASUREMENT and TELEMETRY, command and goal."""
+    """Return the limits of every signal by name: those of ports, MEASUREMENT, TELEMETRY, command and goal."""
     room = scenario.load_room()
     low, high = np.array(room.interior.min), np.array(room.interior.max)
     u, size, force, speed, rate, angles = envelope_of(scenario, room)
-    euler_rates = 4.0 * rate * np.ones(3)  # at MAX_TILT, Euler rates are at most 4 times the body's
+    euler_rates = 4.0 * rate * np.ones(3)  # up to MAX_TILT, Euler rates are at most 4 times the body rates
 
     def oldest(sensor: str) -> int:
         link = scenario.link_of(sensor)

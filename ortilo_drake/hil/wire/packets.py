@@ -1,7 +1,7 @@
-"""Packets between the halves as bytes, LCM types (lcmtypes/*.lcm), and how they are put on the bus.
+"""Packets between the halves: their bytes as LCM types (lcmtypes/*.lcm), and their publishing on the bus.
 
-unpack.py turns packets back, strictly, and inbox.py takes them. A packet of one tick belongs to a session, a number
-that the world draws for each flight; so packets of another flight on the same wire are recognised.
+unpack.py decodes packets strictly, and inbox.py receives them. A packet belongs to a session, a number that the world
+draws for each flight, so that packets of another flight on the same bus are recognised.
 """
 
 from typing import Final, NamedTuple
@@ -17,20 +17,20 @@ from ortilo_drake.model.signals import N_XBAR, REFERENCE_SIZE, SENSORS, STAMP
 from ortilo_drake.sensors.described import port_of
 
 PROTOCOL: Final = 4
-# Of the world; ports() adds those of registered sensors.
+# The ports of the world; ports() adds the ports of registered sensors.
 PORTS: Final = (*map(port_of, SENSORS), "shutter", "velocity", "acted", "image")
-KINDS: Final = (*PORTS, "tick", "command", "telemetry", "hello", "goal")  # of packets
-MEASUREMENT: Final = ("y", "delta", "V2")  # one after the other in telemetry
+KINDS: Final = (*PORTS, "tick", "command", "telemetry", "hello", "goal")  # kinds of packets
+MEASUREMENT: Final = ("y", "delta", "V2")  # signals that telemetry holds one after the other
 TELEMETRY: Final = {
     "estimate": N_XBAR,
     "covariance": N_XBAR * N_XBAR,
     "reference": REFERENCE_SIZE,
 }
-ANSWER: Final = {"control", *MEASUREMENT, *TELEMETRY}  # what a whole answer of the onboard half holds
+ANSWER: Final = {"control", *MEASUREMENT, *TELEMETRY}  # signals of a complete answer of the onboard half
 NO_TICK: Final = ("hello", "goal")  # channels whose packets belong to no tick
 LOOKING, FLYING, FINISHED = STATES = ("looking", "flying", "finished")
 ROLES: Final = ("world", "onboard", "user")
-MAX_TEXT: Final = 500  # bytes of a text
+MAX_TEXT: Final = 500  # longest text [bytes]
 
 VECTOR, PICTURE, TICK, COMMAND, TELEMETRY_TYPE, HELLO, GOAL = (
     LcmType(name) for name in ("vector", "picture", "tick", "command", "telemetry", "hello", "goal")
@@ -43,17 +43,17 @@ def ports() -> tuple[str, ...]:
 
 
 def channel_of(name: str) -> str:
-    """Return the channel of a port or of another kind of packet."""
+    """Return the name of the channel of a port or of another kind of packet."""
     return f"ORTILO_{name.upper()}"
 
 
 class Hello(NamedTuple):
-    """Handshake and heartbeat of one of ROLES; a "user" listens, or asks for a goal.
+    """A hello, the handshake and heartbeat of one of ROLES; a "user" listens, or requests a goal.
 
-    The digest, 16 hexadecimal digits, is of the scenario that the sender flies, the session is the flight's number,
-    which the world draws. In lockstep the world waits for every answer. The state is one of STATES, the tick the
-    world's now, -1 before the first. The nonce is a number that an onboard half drew; in the world's hellos that of the
-    half it met, 0 before.
+    `scenario_digest` (16 hexadecimal digits) is that of the sender's scenario. `session` is the number of the flight,
+    which the world draws. In lockstep the world waits for every answer. `state` is one of STATES. `nonce` is a number
+    that an onboard half drew; the world's hellos hold the nonce of the half that it chose, 0 before. `tick` is the
+    world's present tick, -1 before the first.
     """
 
     role: str
@@ -67,10 +67,11 @@ class Hello(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """A request of a "user" to fly to (x, y) in W [m], or the answer of "onboard" to it.
+    """A request of a "user" to fly to (x, y) in W [m], or the answer of "onboard" to a request.
 
-    It has the flight's session, and the world's tick when it was sent: an old request is refused. Request and answer
-    have the same random number, above 0. The reason says in an answer why the goal is refused; it is empty otherwise.
+    `session` is the number of the flight, `tick` the world's tick at the time of sending: an old request is refused.
+    Request and answer have the same random `number` above 0. In an answer `reason` says why the goal is refused; else
+    it is empty.
     """
 
     session: int
@@ -88,12 +89,12 @@ def encode_vector(session: int, tick: int, values: np.ndarray) -> bytes:
 
 
 def encode_picture(session: int, tick: int, stamp: float, image: np.ndarray) -> bytes:
-    """Return the bytes of a picture (height, width, 4), uint8, true at a stamp [s]."""
+    """Return the bytes of a picture (height, width, 4), uint8, taken at a stamp [s]."""
     return PICTURE.encode(session=session, tick=tick, stamp=stamp, data=encode_png(image))
 
 
 def encode_tick(session: int, tick: int, sent: tuple[str, ...]) -> bytes:
-    """Return the bytes of the list of ports, names of PORTS, that have a message in a tick."""
+    """Return the bytes of the list of ports that have a message in a tick."""
     return TICK.encode(session=session, tick=tick, sent=sent)
 
 
@@ -103,38 +104,38 @@ def encode_command(session: int, tick: int, u: np.ndarray) -> bytes:
 
 
 def encode_telemetry(session: int, tick: int, outputs: dict[str, np.ndarray]) -> bytes:
-    """Return the bytes of an onboard half's outputs, of which those of MEASUREMENT and TELEMETRY are sent."""
+    """Return the bytes of telemetry: the signals of MEASUREMENT and TELEMETRY among an onboard half's outputs."""
     measurement = [number for name in MEASUREMENT for number in outputs[name].tolist()]
     known = {name: outputs[name].tolist() for name in TELEMETRY}
     return TELEMETRY_TYPE.encode(session=session, tick=tick, measurement=measurement, **known)
 
 
 def encode_hello(hello: Hello) -> bytes:
-    """Return the bytes of a handshake or heartbeat."""
+    """Return the bytes of a hello."""
     return HELLO.encode(**hello._asdict())
 
 
 def encode_goal(goal: Goal) -> bytes:
-    """Return the bytes of a request or an answer; a reason is cut to MAX_TEXT bytes."""
+    """Return the bytes of a request or an answer; the reason is cut to MAX_TEXT bytes."""
     reason = goal.reason.encode()[:MAX_TEXT].decode(errors="ignore")
     asked = {"session": goal.session, "tick": goal.tick, "number": goal.number, "role": goal.role}
     return GOAL.encode(**asked, p_W=(goal.x, goal.y), reason=reason)
 
 
 class Outbox:
-    """Sends the packets of one flight, a session, on a bus."""
+    """A sender of the packets of one flight, a session, on a bus."""
 
     def __init__(self, bus: Bus, session: int):
         self.session = session
         self._bus = bus
 
     def send(self, name: str, body: bytes) -> None:
-        """Send a body on a channel, a key of packets.ports or packets.KINDS."""
+        """Send the bytes of a packet on the channel `name`, one of packets.ports() or packets.KINDS."""
         self._bus.publish(channel_of(name), body)
 
 
 def publish_messages(outbox: Outbox, tick: int, messages: Signals) -> None:
-    """Send a tick's messages, and at last the list of them."""
+    """Send the messages of a tick, and last the list of their ports."""
     session = outbox.session
     for name, value in messages.items():
         if name == "image":
@@ -155,5 +156,5 @@ def publish_telemetry(outbox: Outbox, tick: int, outputs: Signals) -> None:
 
 
 def publish_goal(outbox: Outbox, goal: Goal) -> None:
-    """Send a request or an answer."""
+    """Send a request of a goal or an answer."""
     outbox.send("goal", encode_goal(goal))

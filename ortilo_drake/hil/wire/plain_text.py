@@ -2,9 +2,9 @@
 
 
 def plain(text: str) -> str:
-    """Return a text with U+FFFD for each character that is not shown as itself.
+    """Return a text with U+FFFD in place of each character that str.isprintable refuses.
 
-    That is every control character of C0 and C1 (ESC among them), those that turn the direction of writing or are
-    invisible, line and paragraph separators, surrogates, and what Unicode has not assigned: str.isprintable.
+    These are the control characters of C0 and C1 (with ESC), characters that change the direction of writing or are
+    invisible, line and paragraph separators, surrogates, and characters that Unicode has not assigned.
     """
     return "".join(character if character.isprintable() else "\ufffd" for character in text)

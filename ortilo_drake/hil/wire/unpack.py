@@ -1,16 +1,16 @@
 """Decoding of packets from untrusted bytes: a packet of this flight, or BadPacket with a reason.
 
-No decoder here raises anything else, and none allocates more than a few times the length of what it was given: lengths
-are compared with the bytes that are there, and a picture's size with this flight's, before anything is unpacked.
+No decoder here raises any other exception, and none allocates more than a few times the length of its input: lengths
+are compared with the bytes that are there, and the size of a picture with that of this flight, before unpacking.
 
-channel      no channel of ours
-length       too short, too long, or not as long as its own sizes say
-fingerprint  another LCM type, or another version of it
-foreign      another session's
+channel      not one of our channels
+length       too short, too long, or not as long as the sizes in the packet say
+fingerprint  another LCM type, or another version of the type
+foreign      of another session
 tick         negative, or beyond the longest flight
-value        beyond what this flight's sensors, rotors and room can give, or an unknown label
-stamp        before the flight, after its tick, or older than its link holds back
-text         not UTF-8, too long, or not a word that may stand there
+value        beyond the limits of this flight's sensors, rotors and room, or an unknown label
+stamp        before the flight, after its tick, or older than the link's longest delay
+text         not UTF-8, too long, or not an allowed word
 picture      not a PNG of this flight's size and kind
 """
 
@@ -44,9 +44,9 @@ from ortilo_drake.hil.wire.plain_text import plain
 from ortilo_drake.interop.ros.picture_codec import decode_foreign_png
 from ortilo_drake.model.signals import ARRIVED, N_U, STAMP, samples_in
 
-TOLERANCE: Final = 1e-6  # [s] by which a stamp may pass its tick: rounding
-LONGEST: Final = 1e6  # flight [s]
-COUNT_SIZE: Final = 4  # bytes of a size, or of the length of a text
+TOLERANCE: Final = 1e-6  # time by which a stamp may exceed its tick, for rounding [s]
+LONGEST: Final = 1e6  # longest flight [s]
+COUNT_SIZE: Final = 4  # length of an array's size or a text's length [bytes]
 
 
 class BadPacket(Exception):
@@ -58,10 +58,10 @@ class BadPacket(Exception):
 
 
 class Flight(NamedTuple):
-    """A flight as its packets are checked against it.
+    """The properties of a flight against which its packets are checked.
 
-    It has a number, the session, above 0, and ticks of h [s]. Pictures have a shape, height and width [px], None where
-    none is sent, every signal has limits, see limits.py.
+    `session` is the number of the flight, above 0; `h` is the length of a tick [s]; `shape` is height and width of
+    pictures [px], None if there are none; `limits` are the limits of every signal, see limits.py.
     """
 
     session: int
@@ -71,9 +71,9 @@ class Flight(NamedTuple):
 
 
 def open_message(kind: LcmType, data: bytes, sizes: tuple[int, int], session: int | None) -> SimpleNamespace:
-    """Return the decoded message after the checks of length, least and greatest, fingerprint and session.
+    """Return the decoded message after checks of its length (least, greatest), fingerprint and session.
 
-    The session is None for a type in which it is not the first field.
+    `session` is None for a type whose first field is not the session.
     """
     if not sizes[0] <= len(data) <= sizes[1]:
         raise BadPacket("length")
@@ -88,20 +88,20 @@ def open_message(kind: LcmType, data: bytes, sizes: tuple[int, int], session: in
 
 
 def check_size(data: bytes, at: int, unit: int) -> None:
-    """Refuse data whose length differs from the size given at an offset, in units of that many bytes."""
+    """Refuse data whose length differs from the size stated at the offset `at`, in units of `unit` bytes."""
     stated = int.from_bytes(data[at : at + COUNT_SIZE], "big", signed=True)
     if stated < 0 or at + COUNT_SIZE + unit * stated != len(data):
         raise BadPacket("length")
 
 
 def check_stamp(stamp: float, tick: int, limits: Limits, flight: Flight) -> None:
-    """Refuse a stamp [s] from before the flight, after its tick, or older than the signal's link can delay it."""
+    """Refuse a stamp [s] before the flight, after its tick, or older than the longest delay of the signal's link."""
     if not max(0.0, (tick - limits.oldest) * flight.h - TOLERANCE) <= stamp <= tick * flight.h + TOLERANCE:
         raise BadPacket("stamp")
 
 
 def check_samples(values: np.ndarray, tick: int, limits: Limits, flight: Flight) -> None:
-    """Refuse samples whose stamps do not ascend to the message's own, or that are older than a tick before it."""
+    """Refuse samples whose stamps do not ascend to the message's stamp, or are more than a tick older than allowed."""
     there = samples_in(values, limits.samples)
     stamps = there[there[:, ARRIVED] > 0.0, STAMP]
     if len(stamps) == 0:
@@ -112,7 +112,7 @@ def check_samples(values: np.ndarray, tick: int, limits: Limits, flight: Flight)
 
 
 def check_values(values: np.ndarray, limits: Limits) -> None:
-    """Refuse values out of their limits, and fractions where there must be whole numbers."""
+    """Refuse values beyond their limits, and fractions in place of whole numbers."""
     whole = values[limits.whole]
     within = ((limits.low <= values) & (values <= limits.high)).all()  # False for NaN
     if not within or (whole != np.floor(whole)).any():
@@ -120,13 +120,13 @@ def check_values(values: np.ndarray, limits: Limits) -> None:
 
 
 def check_canonical(kind: LcmType, message: SimpleNamespace, data: bytes) -> None:
-    """Refuse texts that are not UTF-8 or lack their end, booleans beyond 1, and bytes left over."""
+    """Refuse texts that are not UTF-8 or lack their final 0, booleans above 1, and surplus bytes."""
     if kind.encode(**vars(message)) != data:
         raise BadPacket("text")
 
 
 def check_texts(role: str, roles: tuple[str, ...], *others: str) -> None:
-    """Refuse an unknown role, and texts that are too long."""
+    """Refuse an unknown role, and texts longer than MAX_TEXT."""
     if role not in roles or any(len(text.encode()) > MAX_TEXT for text in others):
         raise BadPacket("text")
 
@@ -138,15 +138,16 @@ _HELLO_SIZES: Final = (_HELLO_LEAST, _HELLO_LEAST + 3 * MAX_TEXT)
 _DIGEST: Final = re.compile(r"[0-9a-f]{16}")
 _PICTURE_HEAD: Final = _TURN + 8 + COUNT_SIZE
 _TELEMETRY_HEAD: Final = _TURN + 8 * sum(TELEMETRY.values())
-_PNG_MARGIN: Final = 65_536  # bytes by which a PNG may be longer than its pixels: noise does not compress
+_PNG_MARGIN: Final = 65_536  # a PNG may be longer than its pixels by this, for noise does not compress [bytes]
 
 
 class Packet(NamedTuple):
-    """A packet that has passed every check, by the name of its channel, of packets.KINDS or a sensor.
+    """A packet that has passed every check.
 
-    Its tick is -1 for one of NO_TICK, its stamp 0 unless it is a picture's [s]. Its value is a message vector; a
-    picture (height, width, 4), uint8; for a tick the names of its ports; a command (4); telemetry as a dict from the
-    names of MEASUREMENT and TELEMETRY to vectors; a Hello; a Goal.
+    `name` is that of its channel, of packets.KINDS or a sensor. `tick` is -1 for the kinds NO_TICK. `stamp` is that of
+    a picture [s], else 0. `value` is, by kind: a message vector; a picture (height, width, 4), uint8; the names of a
+    tick's ports; a command u (4); telemetry as a dict from the names of MEASUREMENT and TELEMETRY to vectors; a Hello;
+    a Goal.
     """
 
     name: str
@@ -165,12 +166,12 @@ def _telemetry_length(flight: Flight) -> int:
 
 
 def largest_to_world(flight: Flight) -> int:
-    """Return the most bytes that a packet of a flight has of those that come to the world: a picture, or telemetry."""
+    """Return the size of the largest packet that the world receives in a flight: a picture or telemetry [bytes]."""
     return max(_longest_picture(flight), _telemetry_length(flight))
 
 
 def _of_a_tick(kind: LcmType, data: bytes, sizes: tuple[int, int], flight: Flight) -> SimpleNamespace:
-    """Return a message of this flight, as open_message, whose tick is not negative or beyond the longest flight."""
+    """Return a message of this flight, as open_message; refuse a tick that is negative or beyond the longest flight."""
     message = open_message(kind, data, sizes, flight.session)
     if not 0 <= message.tick <= LONGEST / flight.h:
         raise BadPacket("tick")
@@ -226,7 +227,7 @@ def _decode_telemetry(name: str, data: bytes, flight: Flight) -> Packet:
     parts = np.split(np.array(message.measurement), np.cumsum(sizes)[:-1])
     outputs |= dict(zip(MEASUREMENT, parts, strict=True))
     for key, values in outputs.items():
-        no_fix = (key == "y") & np.isnan(values)  # an estimator that makes no fixes says NaN of them
+        no_fix = (key == "y") & np.isnan(values)  # an estimator that makes no fixes gives NaN for them
         check_values(np.where(no_fix, 0.0, values), flight.limits[key])
     return Packet(name, message.tick, outputs)
 
@@ -266,9 +267,9 @@ _OTHERS: Final = {
 
 
 def decode(name: str, data: bytes, flight: Flight | None) -> Packet:
-    """Return the packet that bytes on the channel of a name are, of packets.KINDS or a sensor.
+    """Return the packet in bytes from the channel `name`, one of packets.KINDS or a sensor.
 
-    Without a flight only a hello can pass. BadPacket if they are no packet of this flight.
+    Without a flight only a hello can pass. BadPacket if the bytes are no packet of this flight.
     """
     if name == "hello":
         return _decode_hello(data)

@@ -1,6 +1,6 @@
-"""Live topics of ROS 2: the messages of those that are asked for, and the estimate and the setpoint out.
+"""Live topics of ROS 2: messages of the wanted topics come in, estimate and setpoint go out.
 
-A topic is subscribed to when its publisher is seen, with its type and as reliably as it is published.
+The node subscribes to a topic when it sees a publisher, with the publisher's type and reliability.
 """
 
 import time
@@ -14,26 +14,26 @@ from ortilo_drake.interop.ros.ros2_node import Ros2Node, message_class
 from ortilo_drake.interop.ros.ros_motion import estimate_messages, setpoint_messages, tf_message
 from ortilo_drake.model.typed_yaml import InputError
 
-_DEPTH: Final = 1000  # messages of a topic that may wait: two seconds of an imu at 500 Hz
-_LOOK: Final = 0.5  # between two looks for topics [s]
-_WAIT: Final = 0.05  # for a message [s]
-_SPINS: Final = 3  # of the executor that bring no message: then none waits
+_DEPTH: Final = 1000  # most messages of a topic that wait, two seconds of an imu at 500 Hz
+_LOOK: Final = 0.5  # time between two searches for publishers [s]
+_WAIT: Final = 0.05  # longest wait for a message [s]
+_SPINS: Final = 3  # after this number of spins without a message none is waiting
 
 
 class Ros2Live(Ros2Node):
-    """The node of `ortilo hil bridge --from ros2`, which listens to topics.
+    """The node of `ortilo hil bridge --from ros2`, which subscribes to topics.
 
-    `say` takes a line about a topic that is found, or whose type is not installed. InputError as Ros2Node, or on
-    entering, if a topic's name is none that ROS allows.
+    `say` takes a line about each topic that is found, or whose type is not installed. InputError as in Ros2Node; also
+    on entering, if ROS does not allow a topic's name.
     """
 
     def __init__(self, topics: tuple[str, ...], say: Callable[[str], None]):
         super().__init__()
         self._missing, self._say = list(topics), say
-        self._heard: list[tuple[int, tuple[str, int, Any]]] = []  # each after the time at which it was sent [ns]
+        self._heard: list[tuple[int, tuple[str, int, Any]]] = []  # (time of sending [ns], message)
 
     def _subscribe(self) -> None:
-        """Check the topics' names; they are subscribed to when they have a publisher."""
+        """Check the names of the topics; the node subscribes to them later, when they have a publisher."""
         for topic in self._missing:
             try:
                 self._node.get_publishers_info_by_topic(topic)
@@ -41,7 +41,7 @@ class Ros2Live(Ros2Node):
                 raise InputError(f"topic {topic!r}: {str(error).split(': ')[-1].split(', at ')[0]}") from None
 
     def messages(self) -> Iterator[tuple[str, int, Any] | None]:
-        """Yield topic, time of receipt [ns] and message without end; None where none comes for a while."""
+        """Yield (topic, time of receipt [ns], message) without end; None where no message comes within a short time."""
         looked = -np.inf
         while True:
             now = time.monotonic()
@@ -58,7 +58,7 @@ class Ros2Live(Ros2Node):
                 yield message
 
     def _drain(self) -> None:
-        """Take all messages that wait: the executor takes turns, and a topic of many would fall behind the others."""
+        """Take all waiting messages: the executor takes topics in turn, so a topic of a high rate would fall behind."""
         empty = 0
         while empty < _SPINS and len(self._heard) < _DEPTH:
             before = len(self._heard)
@@ -66,17 +66,17 @@ class Ros2Live(Ros2Node):
             empty = empty + 1 if len(self._heard) == before else 0
 
     def send_estimate(self, t: float, estimate: np.ndarray, covariance: np.ndarray) -> None:
-        """Publish an estimate (15) and its covariance (15, 15), stamped by the sensors' clock [s]."""
+        """Publish an estimate (15) and its covariance (15, 15), with the stamp t [s] by the sensors' clock."""
         for message in (*estimate_messages(t, estimate, covariance.ravel()), tf_message(t, estimate)):
             self.send(message)
 
     def send_setpoint(self, t: float, rpy: np.ndarray, thrust: float) -> None:
-        """Publish an attitude (3) [rad] and the thrust over the mass [m/s²] that are asked for."""
+        """Publish the demanded attitude of B in W, roll, pitch, yaw (3) [rad], and thrust over mass [m/s²]."""
         for message in setpoint_messages(t, rpy, thrust):
             self.send(message)
 
     def _look(self) -> None:
-        """Subscribe to the topics that have a publisher by now."""
+        """Subscribe to the topics that have got a publisher."""
         for topic in list(self._missing):
             offers = self._node.get_publishers_info_by_topic(topic)
             if not offers:

@@ -1,7 +1,7 @@
-"""A ROS 2 node: entered and left, with publishers made when first used, and plain fields written into messages.
+"""A ROS 2 node as a context manager: it makes publishers at their first use and writes plain fields into messages.
 
-rclpy is imported only when a node is entered. ROS speaks to this machine alone unless ROS_AUTOMATIC_DISCOVERY_RANGE
-says otherwise (SUBNET is ROS's own default).
+rclpy is imported only when a node is entered. ROS stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE is set
+(the default of ROS itself is SUBNET).
 """
 
 import os
@@ -25,15 +25,15 @@ _DEPTH: Final = 10
 
 @cache
 def message_class(type_name: str) -> Any:
-    """Return rclpy's class of a type, package/msg/Name or package/Name; ImportError if it is not there."""
+    """Return rclpy's class of a type, package/msg/Name or package/Name; ImportError if the package is missing."""
     package, *_, name = type_name.split("/")
     return getattr(import_module(f"{package}.msg"), name)
 
 
 def fill(message: Any, fields: Fields) -> Any:
-    """Write plain nested fields into an rclpy message and return it; what is absent stays as it is.
+    """Write plain nested fields into an rclpy message and return the message; absent fields stay as they are.
 
-    The message's own values decide the types: a message within it is filled, an array keeps its element type.
+    The values in the message decide the types: an inner message is filled, an array keeps its element type.
     AttributeError if there is no such field.
     """
     for name, value in fields.items():
@@ -53,15 +53,15 @@ def _value(message: Any, name: str, value: Any) -> Any:
         kind = message.get_fields_and_field_types()[name]  # sequence<package/Name>
         item = message_class(kind.removeprefix("sequence<").removesuffix(">"))
         return [fill(item(), fields) for fields in value]
-    return type(there)(value)  # ROS refuses a NumPy number where it wants an integer
+    return type(there)(value)  # ROS refuses a NumPy number in place of an integer
 
 
 class Ros2Node:
     """A node that publishes: `with Ros2Node() as node: node.send(...)`.
 
-    What is sent once is kept for later subscribers (transient local); pictures go as sensor data (best effort), the
-    rest reliably. A topic whose type's package is missing is left out, with one line in ROS's log. InputError if rclpy
-    is not installed, or, on entering, does not work.
+    Messages that are sent once are kept for later subscribers (transient local). Pictures go as sensor data (best
+    effort), all other messages reliably. A topic is left out, with one line in ROS's log, if the package of its type is
+    missing. InputError if rclpy is not installed, or, on entering, does not work.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class Ros2Node:
             self._qos = import_module("rclpy.qos")
             executors = import_module("rclpy.executors")
             self._context = rclpy.Context()
-            self._context.init(args=[])  # unlike rclpy.init it leaves Ctrl-C to us
+            self._context.init(args=[])  # unlike rclpy.init, this leaves Ctrl-C to us
             self._node = rclpy.create_node(NODE, context=self._context, start_parameter_services=False)
             self._executor = executors.SingleThreadedExecutor(context=self._context)
             self._executor.add_node(self._node)
@@ -87,7 +87,7 @@ class Ros2Node:
         return self
 
     def _subscribe(self) -> None:
-        """Subscribe to the topics that are read from the start."""
+        """Subscribe to the topics that are read from the start; a subclass may override this."""
 
     def send(self, message: RosMessage) -> None:
         """Publish a message."""
@@ -117,7 +117,7 @@ class Ros2Node:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leave ROS."""
+        """Shut the node and ROS down."""
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()

@@ -1,15 +1,15 @@
 """One tick of a flight as ROS 2 messages: plain functions from signals to (topic, type, fields).
 
-Fields are plain nested dicts, lists, numbers and arrays, so that a log's writer and a bridge to a living ROS 2 take
-the same ones; what is absent is zero. Frames after REP 103 and 105: map is W (east, north, up), base_link is B
-(forward, left, up), camera_optical is C (right, down, forward), anchor_<i> stands at an anchor.
+Fields are plain nested dicts, lists, numbers and arrays, so that the writer of a log and the bridge to a running ROS 2
+take the same fields; absent fields are zero. Frames follow REP 103 and 105: map is W (east, north, up), base_link is B
+(forward, left, up), camera_optical is C (right, down, forward), anchor_<i> has its origin at an anchor.
 
     /truth/pose, /truth/odometry        the true state, where it is known
     /estimate/pose, /estimate/odometry  the filter's prediction and its covariance
-    /reference/pose, /reference/path    where it should be now; the planned path, once
-    /goal_pose                          a goal, in the tick in which the vehicle turns to it
-    /imu/data, /uwb/anchor_<i>, /camera/image/compressed, /camera/detections   what arrived in this tick
-    /tf, /tf_static                     map -> base_link, of the truth where known, else of the estimate; fixed frames
+    /reference/pose, /reference/path    the reference at this tick; the planned path, once
+    /goal_pose                          a goal, in the tick from which the vehicle heads for it
+    /imu/data, /uwb/anchor_<i>, /camera/image/compressed, /camera/detections   messages that arrived in this tick
+    /tf, /tf_static                     map -> base_link, of the truth if known, else of the estimate; fixed frames
     /ortilo/scenario                    the scenario and the software's version as JSON, once
     /ortilo/<signal>                    every signal and message vector to the last bit (model/signals.py)
 """
@@ -42,9 +42,9 @@ SCENARIO_TOPIC = "/ortilo/scenario"
 SIGNAL_PREFIX = "/ortilo/"
 ARRAY_TYPE = "std_msgs/msg/Float64MultiArray"
 STRING_TYPE = "std_msgs/msg/String"
-LATCHED = (SCENARIO_TOPIC, "/tf_static", "/reference/path")  # sent once, meant for whoever comes later
-TAKEN, SENT = "taken", "sent"  # messages as the onboard half took them, or as a world sent them that did not wait
-FORMAT = 2  # of /ortilo/scenario and the /ortilo/ signals; a reader refuses a newer one
+LATCHED = (SCENARIO_TOPIC, "/tf_static", "/reference/path")  # sent once, also for later subscribers
+TAKEN, SENT = "taken", "sent"  # messages as the onboard half received them, or as a world in real time sent them
+FORMAT = 2  # format of /ortilo/scenario and the /ortilo/ signals; a reader refuses any other
 
 _LABELS = {
     "state": ",".join(STATE_NAMES),
@@ -67,18 +67,18 @@ def _layout(name: str, size: int) -> Fields:
 
 
 def signal_message(name: str, signal: np.ndarray) -> RosMessage:
-    """Return a signal or message vector as it is."""
+    """Return the message of a signal or message vector, with its exact values."""
     return f"{SIGNAL_PREFIX}{name}", ARRAY_TYPE, {"layout": _layout(name, signal.size), "data": signal}
 
 
 def tick_messages(
     t: float, state: np.ndarray | None, messages: Signals, outputs: Signals, scenario: Scenario, room: Room
 ) -> list[RosMessage]:
-    """Return all ROS messages of the tick at t_k = k h [s], of a scenario in its room.
+    """Return all ROS messages of the tick at t_k = k h [s] of a scenario in its room.
 
-    The state is the true x (12), if it is known. The messages crossed to the onboard half in this tick: message vectors
-    by port, 'image', and 'goal' (2) [m]. The outputs are what that half has at t_k: control, y, delta, V2, estimate,
-    covariance, reference.
+    `state` is the true x (12), None if unknown. `messages` went to the onboard half in this tick: message vectors by
+    port, 'image', and 'goal' (2) [m]. `outputs` are the signals of the onboard half at t_k: control, y, delta, V2,
+    estimate, covariance, reference.
     """
     sent = [signal_message(name, value) for name, value in messages.items() if name not in ("image", "goal")]
     sent += [signal_message(name, value) for name, value in outputs.items()]
@@ -96,7 +96,7 @@ def tick_messages(
 
 
 def blank_messages(scenario: Scenario, room: Room, state: np.ndarray | None) -> list[RosMessage]:
-    """Return the messages of a tick of zeros, which numba compiles all functions for."""
+    """Return the messages of a tick whose signals are all zero; with them numba compiles every function."""
     outputs = {name: np.zeros(size) for name, size in output_sizes(scenario.measurement).items()}
     return tick_messages(0.0, state, {}, outputs, scenario, room)
 
@@ -104,8 +104,8 @@ def blank_messages(scenario: Scenario, room: Room, state: np.ndarray | None) -> 
 def start_messages(scenario: Scenario, room: Room, messages: str = SENT) -> list[RosMessage]:
     """Return the messages sent once, before the first tick: scenario, fixed frames, planned path if there is one.
 
-    The ticks' `messages` are TAKEN or SENT; a listener on the bus knows only what was sent. InputError if there is no
-    path.
+    `messages` says whether the messages of ticks are TAKEN or SENT; a listener on the bus knows only what was sent.
+    InputError if planning finds no path.
     """
     description = {
         "format": FORMAT,

@@ -1,7 +1,7 @@
-"""ROS 2 messages of true state, estimate, reference, path, goal and setpoint.
+"""ROS 2 messages of the true state, estimate, reference, path, goal and setpoint.
 
-REP 103 and 105: the map frame is W (east, north, up), base_link is B (forward, left, up). Orientations are quaternions,
-velocities are in the body's own axes.
+Frames follow REP 103 and 105: map is W (east, north, up), base_link is B (forward, left, up). Orientations are
+quaternions, velocities are in the axes of the body.
 """
 
 import numpy as np
@@ -23,8 +23,8 @@ from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 
 GOAL_TYPE = "geometry_msgs/msg/PoseStamped"
-GOAL_TOPIC = "/goal_pose"  # where RViz's and Foxglove's tools for a 2D goal send it
-PATH_STEP = 0.1  # between two poses of the planned path [s]
+GOAL_TOPIC = "/goal_pose"  # the topic of the 2D goal tools of RViz and Foxglove
+PATH_STEP = 0.1  # time between two poses of the planned path [s]
 
 
 @cached_njit
@@ -35,7 +35,7 @@ def quaternion(rpy: np.ndarray) -> np.ndarray:
 
 @cached_njit
 def pose_and_twist(x: np.ndarray) -> np.ndarray:
-    """Return p_WB (3), q_WB as (x, y, z, w) (4), v_WB in B (3), w_WB_B (3) from a state's first twelve entries."""
+    """Return p_WB (3), q_WB as (x, y, z, w) (4), v_WB in B (3) and w_WB_B (3) of a state x (12 or more)."""
     v_B = rotation_matrix(x[3:6]).T @ np.ascontiguousarray(x[6:9])
     return np.concatenate((x[0:3], quaternion(x[3:6]), v_B, body_rates(x[3:6], x[9:12])))
 
@@ -44,8 +44,8 @@ def pose_and_twist(x: np.ndarray) -> np.ndarray:
 def twist_covariance(x: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return the covariance of (v_WB in B, w_WB_B) as T P_v T' with T = diag(R_BW, E(rpy)) (6, 6).
 
-    P_v is P's block of velocity and Euler rates. What the attitude's own error adds by turning the axes is left out:
-    it is the product of an angle's error and a speed. The estimate x has 12 entries or more, its covariance P as many.
+    P_v is the block of velocity and Euler rates in P. The part due to the error of the attitude, which turns the axes,
+    is left out: it is the product of an angle's error and a speed. x has 12 entries or more, P as many rows.
     """
     T = np.zeros((6, 6))
     T[0:3, 0:3] = rotation_matrix(x[3:6]).T
@@ -54,7 +54,7 @@ def twist_covariance(x: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 
 def _motion(x: np.ndarray) -> list[float]:
-    # A copy, since numba would compile anew, in flight, for an array that may not be written to.
+    # A copy: for a read-only array numba would compile the function again, in flight.
     return pose_and_twist(np.array(x[0:12])).tolist()
 
 
@@ -77,7 +77,7 @@ def truth_messages(t: float, state: np.ndarray) -> list[RosMessage]:
 def estimate_messages(t: float, estimate: np.ndarray, covariance: np.ndarray) -> list[RosMessage]:
     """Return the messages of the estimate xhat (15) and its covariance P (225).
 
-    A pose's covariance in ROS is about fixed axes, roll, pitch and yaw: P's own block.
+    The covariance of a pose in ROS is that of roll, pitch and yaw about fixed axes, which is a block of P.
     """
     motion, P = _motion(estimate), np.array(covariance.reshape(N_XBAR, N_XBAR))
     header, pose = header_fields(t, "map"), {"pose": pose_fields(motion), "covariance": P[0:6, 0:6].ravel()}
@@ -87,12 +87,12 @@ def estimate_messages(t: float, estimate: np.ndarray, covariance: np.ndarray) ->
 
 
 def tf_message(t: float, x: np.ndarray) -> RosMessage:
-    """Return map -> base_link of a state, true or estimated."""
+    """Return the transform map -> base_link of a true or estimated state x (12 or more)."""
     return ("/tf", "tf2_msgs/msg/TFMessage", {"transforms": [transform_fields(t, "base_link", _motion(x))]})
 
 
 def reference_message(t: float, reference: np.ndarray, yaw: float) -> RosMessage:
-    """Return the reference's pose: its position with the yaw that the servo holds."""
+    """Return the pose of a reference (9): its position, with the yaw that the servo holds [rad]."""
     motion = [*reference[0:3].tolist(), *quaternion(np.array([0.0, 0.0, yaw])).tolist()]
     return (
         "/reference/pose",
@@ -102,7 +102,7 @@ def reference_message(t: float, reference: np.ndarray, yaw: float) -> RosMessage
 
 
 def path_message(trajectory: Trajectory, yaw: float) -> RosMessage:
-    """Return the planned path p_WB(t), a pose every PATH_STEP."""
+    """Return the planned path p_WB(t) (3 rows) [m] as poses every PATH_STEP, with the yaw that the servo holds."""
     start, end = trajectory.start_time(), trajectory.end_time()
     times = np.linspace(start, end, max(2, 1 + round((end - start) / PATH_STEP))).tolist()
     poses = [reference_message(t, trajectory.value(t)[:, 0], yaw)[2] for t in times]
@@ -110,7 +110,7 @@ def path_message(trajectory: Trajectory, yaw: float) -> RosMessage:
 
 
 def setpoint_messages(t: float, rpy: np.ndarray, thrust: float) -> list[RosMessage]:
-    """Return the attitude that is asked for (3) [rad], and the thrust over the mass [m/s²] along the body's z."""
+    """Return the demanded roll, pitch, yaw of B in W (3) [rad], and thrust over mass along the body's z [m/s²]."""
     attitude = {"header": header_fields(t, "map"), "quaternion": quaternion_fields(quaternion(rpy).tolist())}
     force = {"header": header_fields(t, "base_link"), "vector": vector_fields([0.0, 0.0, thrust])}
     return [
@@ -120,6 +120,6 @@ def setpoint_messages(t: float, rpy: np.ndarray, thrust: float) -> list[RosMessa
 
 
 def goal_message(t: float, goal: np.ndarray) -> RosMessage:
-    """Return a goal p_W (2) taken at t [s]: without a heading, and at z = 0, as tools for 2D goals send it."""
+    """Return a goal p_W (2) [m] taken at t [s], with no heading and z = 0, as tools for 2D goals send it."""
     motion = [*goal.tolist(), 0.0, 0.0, 0.0, 0.0, 1.0]
     return GOAL_TOPIC, GOAL_TYPE, {"header": header_fields(t, "map"), "pose": pose_fields(motion)}

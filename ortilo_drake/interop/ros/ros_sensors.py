@@ -1,4 +1,4 @@
-"""ROS 2 messages of the sensors; each is stamped with the time at which its content was true."""
+"""ROS 2 messages of the sensors; each stamp is the time at which the content was true."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ortilo_drake.scenario import Scenario
 IMAGE_TOPIC = "/camera/image/compressed"
 IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
 
-_Q_BC = (0.5, -0.5, 0.5, -0.5)  # of pinhole.R_BC, (x, y, z, w)
+_Q_BC = (0.5, -0.5, 0.5, -0.5)  # pinhole.R_BC as a quaternion (x, y, z, w)
 
 
 def sensor_messages(t: float, messages: Signals, scenario: Scenario, room: Room) -> list[RosMessage]:
@@ -49,7 +49,7 @@ def _isotropic(sd: float) -> list[float]:
 
 
 def imu_message(imu: np.ndarray, scenario: Scenario) -> RosMessage:
-    """Return the content of an imu message, or of one of its samples, stamped with the time at which it was true."""
+    """Return the ROS message of an imu message, or of one of its samples, with the stamp of the sample."""
     sds = scenario.imu.sds(scenario.h / scenario.samples("imu"))
     payload = imu[PAYLOAD:].tolist()
     return (
@@ -68,9 +68,9 @@ def imu_message(imu: np.ndarray, scenario: Scenario) -> RosMessage:
 
 
 def range_messages(uwb: np.ndarray, scenario: Scenario) -> list[RosMessage]:
-    """Return a message for each anchor whose range arrived; its radiation type is 0, as ROS has none for radio.
+    """Return a message for each anchor whose range arrived. The radiation type is 0: ROS has no value for radio.
 
-    There is none for differences of ranges: ROS has no type for them.
+    For differences of ranges the list is empty: ROS has no message type for them.
     """
     if scenario.uwb.kind == "differences":
         return []
@@ -87,7 +87,7 @@ def range_messages(uwb: np.ndarray, scenario: Scenario) -> list[RosMessage]:
 
 
 def detections_message(detections: np.ndarray, room: Room) -> RosMessage:
-    """Return the boxes that were detected; a pixel's centre has integer coordinates."""
+    """Return the message of the detected boxes; the centre of a pixel has integer coordinates."""
     header = header_fields(detections[STAMP], "camera_optical")
     rows = detections[PAYLOAD:].reshape(-1, DETECTION_SIZE)
     found = [
@@ -106,7 +106,7 @@ def detections_message(detections: np.ndarray, room: Room) -> RosMessage:
 
 
 def image_message(stamp: float, image: np.ndarray) -> RosMessage:
-    """Return a picture (height, width, 4), RGBA of 8 bits, as PNG without loss."""
+    """Return the message of a picture (height, width, 4), RGBA of 8 bits, as lossless PNG."""
     fields = {
         "header": header_fields(stamp, "camera_optical"),
         "format": "png",
@@ -116,12 +116,12 @@ def image_message(stamp: float, image: np.ndarray) -> RosMessage:
 
 
 def image_of(png: np.ndarray) -> np.ndarray:
-    """Return the picture (height, width, 4), RGBA of 8 bits, of a PNG that image_message made."""
+    """Return the picture (height, width, 4), RGBA of 8 bits, given the PNG of an image_message."""
     return decode_png(png.tobytes())
 
 
 def fixed_frames_message(room: Room) -> RosMessage:
-    """Return the fixed transforms: anchors in the map, the camera on the body."""
+    """Return the message of the fixed transforms: map -> anchors, and base_link -> camera_optical."""
     upright = [0.0, 0.0, 0.0, 1.0]
     frames = [transform_fields(0.0, f"anchor_{i}", [*p_W, *upright]) for i, p_W in enumerate(room.anchors)]
     camera: Fields = transform_fields(0.0, "camera_optical", [*room.camera.position, *_Q_BC])

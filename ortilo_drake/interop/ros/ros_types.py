@@ -1,7 +1,7 @@
-"""The parts that ROS 2 messages share, as plain nested dicts, and message types without ROS.
+"""The common parts of ROS 2 messages, as plain nested dicts, and message types without a ROS installation.
 
-Definitions, hashes and CDR bytes are all from rosbags' store of ROS 2 Jazzy. vision_msgs is no part of it; its
-definitions, those of vision_msgs 4, stand here.
+Definitions, hashes and CDR bytes come from rosbags' store of ROS 2 Jazzy. The store lacks vision_msgs, so the
+definitions of vision_msgs 4 stand here.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from ortilo_drake.model.optional import later
 
 Fields = dict[str, Any]
 RosMessage = tuple[str, str, Fields]  # topic, type, fields
-_BASE, _NAME = 1, 2  # rosbags' kinds of a field: a number or text, another message; the rest are arrays of these
+_BASE, _NAME = 1, 2  # rosbags' kinds of a field: number or text, another message; all other kinds are arrays of these
 _VISION = {
     "Point2D": "float64 x\nfloat64 y\n",
     "Pose2D": "vision_msgs/Point2D position\nfloat64 theta\n",
@@ -30,12 +30,12 @@ _VISION = {
 
 
 def to_ns(t: float) -> int:
-    """Return a time [s] in whole nanoseconds; log and stamps count from the flight's start."""
+    """Return a time [s] in whole nanoseconds; logs and stamps count from the start of the flight."""
     return round(t * 1e9)
 
 
 def header_fields(t: float, frame: str) -> Fields:
-    """Return a std_msgs/Header of a time [s] and a frame."""
+    """Return a std_msgs/Header with a time [s] and a frame."""
     seconds, nanoseconds = divmod(to_ns(t), 1_000_000_000)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}
 
@@ -51,7 +51,7 @@ def quaternion_fields(q: list[float]) -> Fields:
 
 
 def pose_fields(motion: list[float]) -> Fields:
-    """Return a geometry_msgs/Pose from a motion, ros_motion.pose_and_twist's (13), or its first seven."""
+    """Return a geometry_msgs/Pose from a motion, a result of ros_motion.pose_and_twist (13) or its first 7 entries."""
     return {"position": vector_fields(motion[0:3]), "orientation": quaternion_fields(motion[3:7])}
 
 
@@ -61,7 +61,7 @@ def twist_fields(motion: list[float]) -> Fields:
 
 
 def transform_fields(t: float, child: str, motion: list[float]) -> Fields:
-    """Return a geometry_msgs/TransformStamped from map to a child, whose pose is the motion's first seven."""
+    """Return a geometry_msgs/TransformStamped from map to the frame `child`, from the first 7 entries of a motion."""
     transform = {"translation": vector_fields(motion[0:3]), "rotation": quaternion_fields(motion[3:7])}
     return {"header": header_fields(t, "map"), "child_frame_id": child, "transform": transform}
 
@@ -71,7 +71,7 @@ typesys = later("rosbags.typesys")
 
 @cache
 def typestore() -> Any:
-    """Return the store of every type that a log holds."""
+    """Return the store of all message types of a log."""
     store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     for name, text in _VISION.items():
         store.register(typesys.get_types_from_msg(text, f"vision_msgs/msg/{name}"))
@@ -80,12 +80,12 @@ def typestore() -> Any:
 
 @cache
 def definition(type_name: str) -> str:
-    """Return a type's definition with those it uses, as an MCAP schema of encoding ros2msg holds it."""
+    """Return the definitions of a type and of all types that it uses, as an MCAP schema with the encoding ros2msg."""
     return typestore().generate_msgdef(type_name, ros_version=2)[0]
 
 
 def _field_maker(node: tuple[Any, Any]) -> tuple[Callable[[Any], Any] | None, Callable[[], Any]]:
-    """Return two functions: from a plain value to a field's (None where they are the same), and to its default."""
+    """Return two functions of a field: plain value -> field's value (None if equal), and () -> default value."""
     kind, detail = node
     if kind == _BASE:
         nothing = {"string": "", "bool": False}.get(detail[0], 0)
