@@ -58,13 +58,13 @@ class Middle:
     """The median of a figure over flights: with lost flights counted as worst, and without them."""
 
     median: float | None
-    """of all flights; infinite (null in JSON) if a lost flight stands there, None of no flights."""
+    """median of all flights; infinite (null in JSON) if it is a lost flight's value, None without flights."""
     interval: Interval | None
-    """its 95 % interval, infinite at an end where a lost flight stands; None of too few flights."""
+    """95 % interval of `median`, infinite at an end that is a lost flight's value; None for too few flights."""
     kept: float | None
     """median of the flights that were not lost; None if there are none."""
     kept_interval: Interval | None
-    """its 95 % interval; None of too few."""
+    """95 % interval of `kept`; None for too few flights."""
 
 
 def middle_of(kept: Sequence[float], lost: int) -> Middle:

@@ -54,12 +54,12 @@ class Bounds(NamedTuple):
     """The bounds within which a flight is not lost, in a form for compiled functions."""
 
     low: np.ndarray
-    """lower corner of the room's inside [m] (3)."""
+    """lower corner of the room's interior (3) [m]."""
     high: np.ndarray
-    """upper corner [m] (3)."""
+    """upper corner of the room's interior (3) [m]."""
     walls: np.ndarray
-    """rows of a wall's low and high corner in plan, the reach of wall and outline about them, and its top less the
-    outline's half height [m] (n, 6)."""
+    """each wall's low and high corner in plan (4), the radius of wall plus outline about them, and the wall's top plus
+    the outline's half height (n, 6) [m]."""
 
 
 @lru_cache(maxsize=8)

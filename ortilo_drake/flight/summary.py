@@ -37,31 +37,31 @@ class Summary:
     """Figures of a flight, as `ortilo fly --json` writes them; a lost flight's errors cover the time up to its loss."""
 
     scenario: str
-    """its name."""
+    """name of the scenario."""
     seed: Count
-    """of all noise."""
+    """seed of all noise."""
     lost: Loss | None
-    """when and why it was lost, None of a flight that reached its end."""
+    """time and cause of the loss; None for a flight that was not lost."""
     contacts: list[str]
     """furniture that the vehicle touched."""
     mse: dict[str, Error]
-    """mean squared error of the estimate per axis [m^2], see metrics.estimation_mse."""
+    """mean squared error of the estimated position per axis [m^2], see metrics.estimation_mse."""
     floor: dict[str, Error] | None
-    """mean Cramer-Rao floor of that per axis [m^2], None where there is none."""
+    """mean Cramer-Rao floor of `mse` per axis [m^2]; None where there is no floor."""
     efficiency: dict[str, Error | None]
-    """mse over floor per axis."""
+    """mse over floor per axis [1]; None without a floor above 0."""
     tick_efficiency: dict[str, Error | None]
-    """mean over ticks of squared error over floor per axis."""
+    """mean over ticks of the ratio squared error / floor, per axis [1]; None without a floor above 0."""
     path_mse: Error | None
     """see metrics.path_mse [m^2]; None where it is not defined."""
     path_distance_mse: Error
     """see metrics.path_distance_mse [m^2]."""
     max_path_distance: Error
-    """farthest from the path [m]."""
+    """largest distance from the path [m]."""
     max_reference_distance: Error
-    """farthest from r_k [m]."""
+    """largest distance from the reference r_k [m]."""
     arrivals: dict[str, Error | None]
-    """measurements used over those due by sensor; None of one that is never due."""
+    """used / due measurements by sensor [1]; None for a sensor that is never due."""
     fix_errors: dict[str, FixError]
     """errors of the position fixes by sensor."""
     nees: float
@@ -69,9 +69,9 @@ class Summary:
     nis: dict[str, float]
     """mean of metrics.nis by sensor."""
     player: str | None
-    """who flew it, see players.py; None where it is not known, as of a log."""
+    """player of the flight, see players.py; None where it is unknown, as for a log."""
     real_time_factor: Error
-    """simulated over wall time; NaN where time was not measured."""
+    """simulated over wall time [1]; NaN where wall time was not measured."""
 
 
 _SUMMARY: Final = TypeAdapter(Summary)

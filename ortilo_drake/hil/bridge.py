@@ -140,17 +140,17 @@ class BridgeReport:
     """The counts of ticks that a bridge passed on."""
 
     ticks: int
-    """how many were given out."""
+    """number of ticks passed on."""
     lost: int
-    """how many between them were lost."""
+    """number of ticks missing between the first and the last passed on."""
     without_world: int
-    """how many lacked messages of the world; the onboard half goes on for some ticks after the end."""
+    """number of ticks that lacked messages of the world; the onboard half goes on for some ticks after the end."""
     without_answer: int
-    """how many lacked outputs of the onboard half."""
+    """number of ticks that lacked outputs of the onboard half."""
     packets: PacketCounts
-    """all of them."""
+    """counts of all packets."""
     failed: dict[str, str]
-    """why targets failed."""
+    """reasons of failure by name of the target."""
 
     def lines(self) -> dict[str, Any]:
         """Return the figures to print and to write as JSON, without lost packets, which belong to no channel."""

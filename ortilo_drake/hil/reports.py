@@ -15,15 +15,15 @@ class WorldReport:
     """The report of a world on its flight."""
 
     ticks: int
-    """how many."""
+    """number of ticks."""
     packets: PacketCounts
-    """the commands."""
+    """counts of the commands."""
     timing: TimingFigures | None = None
-    """of the ticks in real time; None in lockstep."""
+    """timing of the ticks in real time; None in lockstep."""
     latencies_ms: np.ndarray | None = None
-    """of every answered tick in real time [ms]; None in lockstep."""
+    """latency of every answered tick in real time [ms]; None in lockstep."""
     pictures_skipped: int | None = None
-    """by a camera's process; None without one."""
+    """number of pictures that the camera's process skipped; None without such a process."""
 
     def lines(self) -> dict[str, Any]:
         """Return the figures, as the commands print them and write them as JSON."""
@@ -36,11 +36,11 @@ class OnboardFigures:
     """The figures of an onboard half in real time."""
 
     silent_at: int | None
-    """the tick at which the world fell silent before it said that it has finished; None if it did not."""
+    """the tick at which the world fell silent without saying that it had finished; None if it did not fall silent."""
     age_in_ticks: dict[str, int]
-    """how many messages were used at what age [ticks]."""
+    """number of messages used, by their age [ticks]."""
     overtaken: int
-    """messages not used, as a newer one had come."""
+    """number of messages not used because a newer one had come."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ class OnboardReport:
     """The report of an onboard half on its flight."""
 
     ticks: int
-    """how many."""
+    """number of ticks."""
     packets: PacketCounts
-    """the world's ticks."""
+    """counts of the world's packets `tick`."""
     real_time: OnboardFigures | None = None
-    """None in lockstep."""
+    """figures of the flight in real time; None in lockstep."""
     pictures_skipped: int | None = None
-    """by a detector's thread; None without one."""
+    """number of pictures that the detector's thread skipped; None without such a thread."""
 
     def lines(self) -> dict[str, Any]:
         """Return the figures, as the command prints them and writes them as JSON."""

@@ -27,23 +27,23 @@ class ShownTick(NamedTuple):
     """The state of a live flight at a tick, as shown to the user."""
 
     time: float
-    """of the tick [s]."""
+    """time of the tick [s]."""
     x: np.ndarray
-    """the true state (12)."""
+    """the true state x (12)."""
     xhat: np.ndarray
-    """the estimate (15)."""
+    """the estimate xhat (15)."""
     P: np.ndarray
-    """its covariance (15, 15)."""
+    """covariance of the estimate (15, 15)."""
     arrived: tuple[str, ...]
-    """sensors of which the filter took a message."""
+    """sensors whose message the filter used."""
     sent: tuple[str, ...]
-    """sensors that sent one."""
+    """sensors that sent a message."""
     path: PiecewisePolynomial | None
-    """a new path that the vehicle flies from now on; None if it is the same."""
+    """a new path that the vehicle flies from now on; None if the path stays the same."""
     answers: tuple[str, ...]
-    """to goals, in a line each."""
+    """answers to goals, a line each."""
     lost: Lost | None
-    """when and why the flight is lost; it then goes no further."""
+    """the loss of the flight, which then goes no further; None if it is not lost."""
 
 
 def with_a_force(scenario: Scenario) -> Scenario:

@@ -33,25 +33,25 @@ class Status:
     """The status of a live flight at its last tick."""
 
     time: float = 0.0
-    """of its last tick [s]."""
+    """time of the last tick [s]."""
     error: float = 0.0
-    """distance of the estimate from the truth [m]."""
+    """distance between estimated and true position [m]."""
     sd: float = 0.0
-    """three standard deviations of it, root of the covariance's trace [m]."""
+    """three standard deviations of the position: 3 sqrt(trace of its covariance) [m]."""
     by_axis: list[tuple[float, float]] = field(default_factory=lambda: [(0.0, 0.0)] * 3)
-    """error and three standard deviations of x, y and z [m]."""
+    """error and three standard deviations in x, y and z [m]."""
     lit: dict[str, bool] = field(default_factory=dict)
-    """whether each sensor's lamp is lit; none without a scene."""
+    """whether each sensor's lamp is lit; empty without a scene."""
     arrivals: dict[str, float | None] = field(default_factory=dict)
-    """share of each sensor's due messages that arrived in the last RECENT seconds; None where none was due."""
+    """share of each sensor's due messages that arrived in the last RECENT seconds [1]; None before the first tick."""
     is_paused: bool = False
-    """whether time stands still."""
+    """whether the flight is paused."""
     is_lost: bool = False
     """whether the flight is lost, see flight/lost.py."""
     note: str = ""
-    """the last thing that happened, such as an answer to a goal; empty if nothing did."""
+    """the last event, such as an answer to a goal; empty before any event."""
     scenario: str = ""
-    """its name."""
+    """name of the scenario."""
 
     def json(self) -> bytes:
         """Return the status as JSON for the page beside Meshcat's view; null for values that are not finite."""

@@ -7,22 +7,22 @@ class Wishes(NamedTuple):
     """The values of the controls at a tick."""
 
     lost: dict[str, float] = {}  # noqa: RUF012 - never changed
-    """share of each sensor's messages that is lost, beside what the scenario's link loses [1]."""
+    """share of each sensor's messages that is lost, in addition to the losses of the scenario's link [1]."""
     push: tuple[float, float] = (0.0, 0.0)
-    """a steady force in W along x and y, beside the scenario's own [N]."""
+    """steady force in W along x and y, in addition to the scenario's own [N]."""
     heavier: float = 0.0
-    """true over believed mass, less 1, beside the scenario's own [1]."""
+    """relative increase of the true mass, in addition to the scenario's own [1]."""
     speed: float = 1.0
-    """simulated over real time."""
+    """simulated over real time [1]."""
     goal: tuple[float, float] = (0.0, 0.0)
-    """x, y of the goal that the marker shows [m]."""
+    """x, y in W of the goal that the marker shows [m]."""
     goes: bool = False
-    """a new goal: the vehicle is to fly there."""
+    """whether the vehicle is to fly to `goal`, as a new goal."""
     pauses: bool = False
-    """time stands still."""
+    """whether the flight is paused."""
     steps: int = 0
-    """ticks to fly nevertheless."""
+    """number of ticks to fly although the flight is paused."""
     restarts: bool = False
-    """the flight is to begin anew."""
+    """whether the flight is to start again."""
     ends: bool = False
-    """nothing more is wanted."""
+    """whether the session is to end."""

@@ -19,21 +19,21 @@ class TimingFigures:
     """The timing figures of the ticks of a flight in real time."""
 
     ticks: int
-    """how many there were."""
+    """number of ticks sent."""
     latency_ms: Quantiles
-    """from a tick's messages sent to its command received [ms]."""
+    """time from sending a tick's messages to receiving its command [ms]."""
     missed_deadlines: int
-    """ticks whose command was not there when the next one was due, those sent late included."""
+    """number of ticks without a command by the time at which the next tick was due; ticks sent late count as well."""
     unanswered: int
-    """ticks without a command."""
+    """number of ticks without a command."""
     longest_silence: float
-    """the longest run of ticks without an answer [s]."""
+    """longest run of ticks without a command [s]."""
     lateness_ms: float
-    """how far the worst was beyond its deadline [ms]."""
+    """largest delay of a command beyond its deadline [ms]."""
     jitter_ms: Quantiles
-    """how late the world sent its ticks [ms]."""
+    """delay with which the world sent its ticks [ms]."""
     real_time_factor: float | None
-    """simulated over wall time; None of less than two ticks."""
+    """simulated over wall time [1]; None for less than two ticks."""
 
 
 def quantiles(values: np.ndarray) -> Quantiles:
@@ -63,7 +63,7 @@ class TickTiming:
             self._answered.setdefault(tick, now)
 
     def latencies_ms(self, ticks: int | None = None) -> np.ndarray:
-        """Return the latencies [ms], messages sent to command received, of the first `ticks` answered, or all."""
+        """Return the latency [ms], messages sent to command received, of each answered tick among the first `ticks`."""
         return self._after(self._sent, ticks)
 
     def _after(self, times: list[float], ticks: int | None) -> np.ndarray:

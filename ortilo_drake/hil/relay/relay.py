@@ -38,25 +38,25 @@ class Faults(Frozen):
     loss: Probability = 0.0
     """probability of losing a packet outside a burst."""
     burst_loss: Probability = 1.0
-    """the same within a burst."""
+    """probability of losing a packet within a burst."""
     into_burst: Probability = 0.0
     """probability that a burst begins with a packet."""
     out_of_burst: Probability = 0.5
-    """probability that it ends with a packet."""
+    """probability that a burst ends with a packet."""
     delay: Seconds = 0.0
     """mean delay [s]."""
     spread: Seconds = 0.0
-    """greatest deviation from it [s], uniform; a delay below zero is zero. Packets overtake each other."""
+    """largest deviation from the mean delay [s], uniform; a negative delay becomes 0. Packets may overtake others."""
     duplicate: Probability = 0.0
-    """probability that a packet comes twice, each with a delay of its own."""
+    """probability that a packet comes twice, each time with its own delay."""
     held: Probability = 0.0
     """probability that a packet is held back, so that others overtake it."""
     hold: Seconds = 0.1
-    """how long it is held back [s]."""
+    """time for which such a packet is held back [s]."""
     rate: float = Field(default=0.0, ge=0.0, le=1e6)
-    """greatest number of packets per second; 0 for any."""
+    """largest number of packets per second; 0 for no limit."""
     queue: int = Field(default=100, ge=1, le=100_000)
-    """number of packets that may wait for their turn under a rate; more are lost."""
+    """largest number of packets that wait because of the rate; more are lost."""
 
 
 def delay_of(faults: Faults, u: float) -> float:

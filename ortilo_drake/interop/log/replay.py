@@ -24,17 +24,17 @@ class ReplayReport:
     """A comparison of a replay with its log."""
 
     ticks: int
-    """how many."""
+    """number of ticks replayed."""
     identical: bool
-    """whether every output of every tick is the logged one bit for bit."""
+    """whether every output of every tick equals the logged one bit for bit."""
     first_difference: int | None
-    """the first tick that differs, None if none does."""
+    """the first tick whose outputs differ; None if there is none."""
     largest_difference: float
-    """of the estimate."""
+    """largest absolute difference of an estimate's entry."""
     references_from_log: int
-    """in how many ticks the reference was taken from the log."""
+    """number of ticks whose reference came from the log."""
     state_from_log: bool
-    """whether the state at the first tick was."""
+    """whether the state at the first tick came from the log."""
 
 
 def path_through(t: float, reference: np.ndarray) -> PiecewisePolynomial:

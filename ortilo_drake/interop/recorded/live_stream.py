@@ -31,31 +31,31 @@ class LiveStream:
     """One use of a topic."""
 
     topic: str
-    """its name."""
+    """name of the topic."""
     source: Source
-    """the map's entry."""
+    """entry of the map."""
     columns: tuple[Column, ...]
     """fields with numbers."""
     width: int
-    """how many numbers a message has."""
+    """number of numbers in a message."""
     names: tuple[Column, ...]
-    """fields that name anchors; rows of such streams need not come in the order of their stamps."""
+    """fields that name anchors; rows of a stream with such fields need not come in the order of their stamps."""
     rejected: Rejections
-    """what was not used."""
+    """counts of rows that were not used."""
     rows: list[_Waiting] = field(default_factory=list)
-    """those that wait."""
+    """rows that wait for release."""
     newest: float = -np.inf
-    """largest stamp that was accepted [s], -inf before the first."""
+    """largest accepted stamp [s], -inf before the first."""
     messages: int = 0
-    """how many came."""
+    """number of messages received."""
     used: int = 0
-    """how many of them had a stamp that was accepted."""
+    """number of messages whose stamp was accepted."""
     delays: list[list[float]] = field(default_factory=list)
-    """stamp and least delay of receipt behind it [s], of each piece of time."""
+    """first stamp and least delay from stamp to receipt [s], for each piece of time."""
     dropped: int = 0
-    """how many were dropped since the last whose stamp was accepted."""
+    """number of messages dropped since the last one whose stamp was accepted."""
     late_by: float = 0.0
-    """by how much the latest of those that came too late did [s]."""
+    """largest lateness of the rows that came too late [s]."""
 
     @property
     def settled(self) -> bool:

@@ -33,11 +33,11 @@ class Sightings:
     """All sightings of a flight in the order of arrival, each as (time at which it was true [s], sighting)."""
 
     pictures: list[tuple[float, bytes]] = field(default_factory=list)
-    """as JPEG."""
+    """pictures as JPEG."""
     boxes: list[tuple[float, np.ndarray]] = field(default_factory=list)
-    """those found in a picture, rows (label, score, u_min, v_min, u_max, v_max) (k, 6)."""
+    """boxes detected in a picture (k, 6), with rows (label, score, u_min, v_min, u_max, v_max) [px]."""
     ranges: defaultdict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
-    """those that came [m], by the path at which they stand in a recording; differences likewise."""
+    """received ranges and differences of ranges [m], by their path in a recording."""
 
 
 def encode_jpeg(picture: np.ndarray) -> bytes:
