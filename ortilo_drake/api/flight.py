@@ -203,8 +203,7 @@ class Flight:
     def to_rerun(self, path: str | Path) -> Path:
         """Write the flight as a recording for the Rerun viewer (.rrd); return the path.
 
-        The pictures of a rendered camera are drawn again. A flight does not keep ranges: `ortilo fly --rerun` writes a
-        recording with them.
+        A rendered camera's pictures are drawn again. A flight keeps no ranges: `ortilo fly --rerun` writes them too.
         """
         check_recording(Path(path))
         save_recording(self.data, drawn_again(self.data, make_camera_view), Path(path))

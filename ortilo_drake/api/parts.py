@@ -31,9 +31,8 @@ def register_estimator(
         settings: the estimator's group in a scenario, a frozen model with the field `kind: Literal[...]`.
         make: (Belief, first estimate xbar_0 (15)) -> System, see diagrams/onboard.py.
         box: (Belief, first estimate xbar_0 (15)) -> Box of an element, see diagrams/wiring/own_part.py.
-        linear: Belief -> the paper's filter that the estimator equals about hover: W, V, and the signals that it reads
-            of the imu. With `linear` the linear theory (`ortilo analyze`, tube, maps, margins, floor) covers the
-            estimator; without `linear` the theory refuses it.
+        linear: Belief -> the paper's filter that the estimator equals about hover: W, V, and what it reads of the imu.
+            Only with `linear` the linear theory (`ortilo analyze`, tube, maps, margins, floor) covers the estimator.
 
     Raises:
         InputError: if the settings have no kind, or neither make nor box is given.
@@ -56,8 +55,8 @@ def register_servo(
         make: Belief -> System.
         box: Belief -> Box.
         gain: Belief -> L (4, 15) about hover at the heading that is held, u = -L [x - x_ref; i] + u_ff, for a servo
-            that does not read `force`. With `gain` the linear theory (`ortilo analyze`, tube, maps, margins) covers
-            the servo; without `gain` the theory refuses it.
+            that does not read `force`. Only with `gain` the linear theory (`ortilo analyze`, tube, maps, margins)
+            covers the servo.
     """
     register_part("servo", Part(kind, settings, make, box, gain))
 

@@ -36,9 +36,8 @@ def solve_dare(
     A = Phi^T, B = C^T, Q = W and R = V: then X is the filter's covariance before a measurement, L^T its predictor gain.
 
     The stabilising solution exists if (A, B) is stabilisable and all modes on the unit circle are observable from Q.
-    Modes outside the unit circle may be unobservable, as with Q = 0 (minimum energy). Then only 'scipy' finds the
-    stabilising solution: 'doubling' and 'recursion' converge to the least cost, which does not stabilise, and 'drake'
-    refuses a pair that is not detectable.
+    With unobservable modes outside it, as for Q = 0 (minimum energy), only 'scipy' finds the solution: 'doubling' and
+    'recursion' converge to the least cost, which does not stabilise, and 'drake' refuses what is not detectable.
 
     Args:
         A: dynamics (n, n).

@@ -147,10 +147,9 @@ def tables(
     player: str = "fastest",
     **changes: Any,
 ) -> Study:
-    """Fly the paper's two scenarios, or one of them, as `ortilo tables` does; compare the paper's tables with ours.
+    """Fly the paper's two scenarios, or one of them, as `ortilo tables` does; compare its tables I and II with ours.
 
-    The tables are I and II of the paper. The camera is rendered unless `camera__kind="projected"`, which flies a
-    hundred times as fast.
+    The camera is rendered as in the scenarios; `camera__kind="projected"` flies a hundred times as fast.
 
     Args:
         beside: further scenarios for the same tables: names of ready-made scenarios, or .yaml files.

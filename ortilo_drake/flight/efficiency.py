@@ -60,8 +60,7 @@ def tick_efficiency(flight: xr.Dataset, floor: np.ndarray | None) -> dict[str, f
 def ratio_of_means(errors: list[float], floors: list[float]) -> Ratio:
     """Return sum(errors) / sum(floors) over flights, with a bootstrap 95 % interval over whole flights.
 
-    The ratio is the mean squared error of the flights over their mean floor. By the Cramer-Rao bound it is at least 1
-    on average. Errors and floors have one value for each flight.
+    Errors and floors have one value for each flight. By the Cramer-Rao bound the ratio is at least 1 on average.
     """
     if not floors or sum(floors) <= 0.0:
         return Ratio(None, None)

@@ -168,13 +168,11 @@ def fly_kept(
     """Fly each scenario once for each of its seeds, and return the figures of each scenario in the order of its seeds.
 
     All flights go to the workers together. Flights whose figures are already kept are not flown again, so an
-    interrupted run continues where it stopped. InputError if a flight cannot be flown or its figures cannot be written.
-
-    `kind` is the dataclass of a flight's figures; it has a field `seed`. `fly` is an importable function that takes a
-    scenario's JSON, seeds and the name of the kept file, and returns the figures of these flights. `wanted` pairs each
-    scenario with its seeds; the scenario's own seed is not used. With 1 worker this process flies. `progress` is called
-    with the number of flights that came in. A worker's job has `at_once` flights where the engine flies all scenarios,
-    else AT_ONCE.
+    interrupted run continues where it stopped. `kind` is the dataclass of a flight's figures, with a field `seed`.
+    `fly`, an importable function, takes a scenario's JSON, seeds and the kept file's name, and returns the figures of
+    these flights. `wanted` pairs each scenario, whose own seed is not used, with its seeds. With 1 worker this process
+    flies. `progress` is called with the number of flights that came in. A worker's job has `at_once` flights where the
+    engine flies all scenarios, else AT_ONCE. InputError if a flight cannot be flown or its figures cannot be written.
     """
     at_once = at_once if all(why_not(scenario) is None for scenario, _ in wanted) else AT_ONCE
     asked = [(scenario, list(seeds), kept_file(out, scenario)) for scenario, seeds in wanted]

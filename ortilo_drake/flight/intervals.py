@@ -1,8 +1,7 @@
 """Intervals over flights that hold for any distribution: of a share by counting, of a median by ranks.
 
-The errors of a lost flight cover only the time up to its loss, so they cannot be compared with those of other flights.
-A lost flight is worse than any that was not lost, so its error counts as infinite. A median depends on ranks alone, so
-it is finite while fewer than half of the flights are lost.
+The errors of a lost flight end at its loss, so they do not compare with the errors of other flights. A lost flight is
+worse than any other, so its error counts as infinite. A median is finite while fewer than half of all flights are lost.
 """
 
 import math

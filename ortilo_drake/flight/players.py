@@ -21,10 +21,9 @@ def choose(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS)
 
     'engine' is compiled code, which needs all parts to be elements. 'drake' is a Diagram in which the elements of each
     half are one system, 'drake-elements' a Diagram in which each element is a system. 'fastest' means the engine where
-    it can fly the scenario, else 'drake'. For the first flight of a new scenario 'engine' and 'drake' take about as
-    long: both compile the same elements, which takes longer than the flight. `parts` are an estimator, servo and
-    planner in place of the scenario's; only Drake takes them. InputError if there is no such player, or the player
-    cannot fly the scenario.
+    it can fly the scenario, else 'drake'. A first flight of a new scenario takes about as long with both: both compile
+    the same elements, which takes longer than the flight. `parts` are an estimator, servo and planner in place of the
+    scenario's; only Drake takes them. InputError if there is no such player, or it cannot fly the scenario.
     """
     if player not in CHOICES:
         raise InputError(f"player: {player!r}: must be one of {', '.join(CHOICES)}")

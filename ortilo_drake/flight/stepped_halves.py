@@ -2,8 +2,7 @@
 
 At t_k the world gives its messages (sample), the onboard half takes them and gives the control (receive, answer), and
 only then do both go on to t_{k+1} (advance). Drake's AdvanceTo stops at t_k before the updates of t_k. So each half
-updates from the values that it would have over a wire, and the flight equals the one of diagrams/closed_loop.py bit for
-bit.
+updates from the same values as over a wire, and the flight equals the one of diagrams/closed_loop.py bit for bit.
 
 A tick's *messages* are a dict from the name of an onboard input port to its value. The values are message vectors
 (model/signals.py), those that are all zero left out, and 'image' (height, width, 4), uint8, if the shutter message
@@ -107,9 +106,8 @@ class WorldHalf:
 class OnboardHalf:
     """The onboard half of a scenario.
 
-    It takes only the belief of the scenario. `detects` says whether it detects landmarks in a rendered camera's
-    pictures; if not, it receives detections. With `fused` all elements are one system, which is faster, else each
-    element is a system.
+    It takes only the scenario's belief. With `detects` it detects landmarks in a rendered camera's pictures, else it
+    receives detections. With `fused` all elements are one system, which is faster, else each element is a system.
     """
 
     def __init__(self, scenario: Belief, detects: bool = True, fused: bool = True):

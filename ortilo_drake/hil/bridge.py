@@ -115,9 +115,8 @@ class TickCollector:
 def goals_target(goals: Goals, link: GoalLink, answers: deque[Goal], say: Callable[[str], None]) -> Target:
     """Return a target that passes a user's goals on to the onboard half, at every tick.
 
-    `goals` returns the newest goal p_W (2 or more) [m] since the last call, of which x and y are used, or None.
-    `answers` are the packets heard on the goals' channel; the target empties them. `say` takes a line about the outcome
-    of a goal.
+    `goals` returns the newest goal p_W (2 or more) [m] since the last call, of which x and y are used, or None. The
+    target empties `answers`, the packets of the goals' channel. `say` takes a line about the outcome of each goal.
     """
 
     def pass_on(t: float, messages: Signals, outputs: Signals) -> None:

@@ -3,7 +3,7 @@
 A request has tc1 = 0 and the asker's clock in ts1 [ns]. The answer returns ts1, with the companion's clock in tc1
 (MAVLink, time synchronisation protocol). PX4 (Timesync.cpp) asks 10 times a second on a link of mode Onboard, ignores
 answers that took 10 ms or longer, and trusts its offset after 500 answers. Until then, and without answers, PX4 stamps
-each estimate on arrival. The bridge's loop sleeps longer than 10 ms, so a thread of its own waits for requests.
+each estimate on arrival. The bridge's loop sleeps longer than 10 ms, so a separate thread waits for requests.
 """
 
 import math

@@ -33,10 +33,9 @@ def remote_client() -> Any:
 
 @contextmanager
 def on_scheduler(address: str) -> Iterator[None]:
-    """Have run_all, within this context, run its jobs on the workers of the scheduler at an address.
+    """Have run_all, in this context, use the workers of a scheduler, at tcp://127.0.0.1:8786 or tls://10.0.0.5:8786.
 
-    Addresses look like tcp://127.0.0.1:8786 or tls://10.0.0.5:8786. InputError if the address is invalid, the scheduler
-    does not answer or has no worker, or a worker has another program.
+    InputError if the address is invalid, nobody answers, there is no worker, or a worker has another program.
     """
     check_address(address)
     check_installed("distributed", "workers")

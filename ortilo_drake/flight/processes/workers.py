@@ -90,8 +90,7 @@ def _submit(
 def _refuse_unguarded_script(workers: int) -> None:
     """Refuse to start processes from a script that each process would run again when it imports the script.
 
-    A guard `__main__` is searched in the text of the script. A call outside the guard is noticed in the process that
-    imports the script.
+    The text of the script must have a guard `__main__`; the process that imports it notices a call outside the guard.
     """
     script = getattr(sys.modules["__main__"], "__file__", None)
     imported_again = getattr(current_process(), "_inheriting", False)

@@ -35,8 +35,7 @@ def answer_to(request: Goal, reason: str = "") -> Goal:
 class GoalLink:
     """A link that sends one request at a time to a flight and receives the answer; no method blocks.
 
-    The inbox must subscribe to goals and know the tick of the flight. A request without an answer is given up after
-    `wait` [s].
+    The inbox must hear goals and know the flight's tick. A request without an answer is given up after `wait` [s].
     """
 
     def __init__(self, outbox: Outbox, inbox: Inbox, wait: float = ANSWER_WAIT):

@@ -6,8 +6,8 @@ cannot be is refused at once, and the vehicle flies on. For any other goal the v
 path is ready; without a path it stays at rest. A newer goal replaces an older one that is being planned or flown. Each
 goal is answered once it is decided, and again whenever it is repeated.
 
-Planning takes up to a second. The planner has its own process, so that it delays no tick of the onboard half. The
-planner's process ends together with the process that started it, for then its pipe has no other end.
+Planning takes up to a second, so the planner has its own process and delays no tick of the onboard half. This process
+ends together with the process that started it, for then its pipe has no other end.
 """
 
 import contextlib

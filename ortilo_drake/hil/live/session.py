@@ -68,8 +68,7 @@ class Status:
 class Shares:
     """The share of each sensor's due messages that arrived in the last `ticks` ticks.
 
-    `due` gives the number of ticks from one message of a sensor to the next. A message may arrive in a later tick than
-    the one in which it is due.
+    `due` gives each sensor's period in ticks. A message may arrive in a later tick than the one in which it is due.
     """
 
     def __init__(self, due: dict[str, int], ticks: int):

@@ -9,8 +9,7 @@ from ortilo_drake.model.typed_yaml import InputError
 class UntilItFails:
     """A function that is called in flight until it first raises InputError.
 
-    `say` then takes a line about the error. `error` keeps the error, to be raised after the flight; None if there is
-    none.
+    `say` then takes a line about the error, and `error` keeps it, to be raised after the flight; None before an error.
     """
 
     def __init__(self, write: Callable[..., None], say: Callable[[str], None]):

@@ -65,11 +65,10 @@ class _Admits(NamedTuple):
 class Bus:
     """One process's end of a bus at tcp://HOST:PORT. It is not thread-safe; only `handle` receives.
 
-    All processes share a key (32 bytes). One process serves the bus. With `hears` False a process that joins receives
-    nothing. A message of more than `largest` bytes ends its connection, because any process that connects can occupy
-    as much memory before it shows its key. `refused` counts, under "key", connections with another key or of another
-    kind and, under "frames", messages that are not channel and data. InputError if the URL is invalid, or the bus
-    cannot be served.
+    All processes share a key (32 bytes); one serves the bus. With `hears` False a process that joins receives nothing.
+    A message of more than `largest` bytes ends its connection, because any process that connects can occupy as much
+    memory before it shows its key. `refused` counts connections with another key or of another kind ("key"), and
+    messages that are not channel and data ("frames"). InputError if the URL is invalid, or cannot be served.
     """
 
     def __init__(self, url: str, key: bytes, serves: bool = False, hears: bool = True, largest: int = LARGEST):

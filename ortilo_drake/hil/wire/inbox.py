@@ -26,10 +26,9 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True)
 class PacketCounts:
-    """The counts of an inbox.
+    """The counts of an inbox: packets `accepted`, of these `late` (after a newer packet), and `duplicates` of these.
 
-    `accepted` packets; of these `late`, which came after a newer packet; `duplicates` of accepted packets; `lost`, gaps
-    in the ticks of a channel since its first; `rejected` in all, and by reason in `refused`.
+    `lost` are gaps in the ticks of a channel since its first; `rejected` are all refused packets, `refused` by reason.
     """
 
     accepted: int
@@ -193,8 +192,7 @@ class TickInbox:
     def pop_until(self, tick: int, keep_from: int) -> Signals:
         """Return the messages of a tick and late ones of earlier ticks; of several on one port the newest.
 
-        The others are dropped; but from the tick `keep_from` on they are kept, for a later tick without a message on
-        their port.
+        The others are dropped, or from the tick `keep_from` on kept for a later tick without a message on their port.
         """
         taken: Signals = {}
         for k in sorted((k for k in self._messages if k <= tick), reverse=True):

@@ -70,8 +70,7 @@ class Goal(NamedTuple):
     """A request of a "user" to fly to (x, y) in W [m], or the answer of "onboard" to a request.
 
     `session` is the number of the flight, `tick` the world's tick at the time of sending: an old request is refused.
-    Request and answer have the same random `number` above 0. In an answer `reason` says why the goal is refused; else
-    it is empty.
+    Request and answer have the same random `number` above 0. `reason` says why the answer refuses the goal, else ''.
     """
 
     session: int

@@ -142,12 +142,11 @@ _PNG_MARGIN: Final = 65_536  # a PNG may be longer than its pixels by this, for 
 
 
 class Packet(NamedTuple):
-    """A packet that has passed every check.
+    """A packet that has passed every check; `name` is its channel's, one of packets.KINDS or a sensor.
 
-    `name` is that of its channel, of packets.KINDS or a sensor. `tick` is -1 for the kinds NO_TICK. `stamp` is that of
-    a picture [s], else 0. `value` is, by kind: a message vector; a picture (height, width, 4), uint8; the names of a
-    tick's ports; a command u (4); telemetry as a dict from the names of MEASUREMENT and TELEMETRY to vectors; a Hello;
-    a Goal.
+    `tick` is -1 for the kinds NO_TICK, `stamp` the stamp of a picture [s], else 0. `value` is, by kind: a message
+    vector; a picture (height, width, 4), uint8; the names of a tick's ports; a command u (4); telemetry as a dict from
+    the names of MEASUREMENT and TELEMETRY to vectors; a Hello; a Goal.
     """
 
     name: str

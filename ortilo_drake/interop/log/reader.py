@@ -109,10 +109,9 @@ def _bounded(file: Path, k: int, messages: Iterable[LoggedMessage]) -> Iterator[
 
 
 def read_ticks(path: Path, images: bool = True) -> Iterator[LoggedTick]:
-    """Yield the ticks of a log in order; a log that a kill cut short ends at the cut.
+    """Yield the ticks of a log in order, with or without images; a log that a kill cut short ends at the cut.
 
-    With `images` False the pictures are left out. InputError if there is no such log, if the file is no log of ours or
-    is damaged, or if the log times do not rise.
+    InputError if there is no such log, if it is not ours or damaged, or if its log times do not rise.
     """
     file, scenario = log_file(path), log_scenario(path)
     sizes = output_sizes(scenario.measurement)

@@ -1,7 +1,7 @@
 """Messages of a ROS 1 bag, a ROS 2 bag or an MCAP file: fields of one topic as a table, or several topics played.
 
-Messages of an MCAP file are decoded by their encoding: CDR of ROS 2, that of ROS 1, or JSON. Messages are played in the
-order in which they were received, at the original speed or another one.
+Messages of an MCAP file are decoded by their encoding: ROS 2's CDR, ROS 1's, or JSON. Messages are played in the order
+in which they were received, at the original speed or another one.
 """
 
 import json
@@ -88,9 +88,8 @@ def read_bag(
 ) -> Table:
     """Return the fields `columns` of a topic's messages as a table; a field that is a list gives several values.
 
-    Stamps are in s, or the field `source.time` as it is. Messages that cannot be decoded, or that have another number
-    of values than the first one, are counted and left out. InputError as in messages_of; also if there is no such
-    field, or fewer than half of the messages can be read.
+    Stamps are in s, or `source.time` as it is. Messages that cannot be decoded, or differ from the first in the number
+    of values, are counted and left out. InputError as in messages_of, for a missing field, or for too few messages.
     """
     rejected.word = "message"
     rows, k, empty = Rows(path), 0, 0

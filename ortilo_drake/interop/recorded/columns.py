@@ -21,8 +21,7 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 class Stream(NamedTuple):
     """Rising stamps (n) [s], numbers (n, columns), names of anchors and tag (n, k) or None, and the rejected rows.
 
-    `rows` (n) are the numbers of the rows' lines or messages in their file; `told` holds the rejections of each file,
-    `rejected` last.
+    `rows` (n) are the numbers of lines or messages in their file; `told` has each file's rejections, `rejected` last.
     """
 
     t: np.ndarray

@@ -86,11 +86,10 @@ ONE_TAG = np.zeros((1, 3))  # a single tag, at the point that the lever leads to
 
 
 class Recording(NamedTuple):
-    """A recorded motion. Stamps count from the first range, stamps of the truth from the first row of the truth.
+    """A recorded motion. Stamps count from the first range, the truth's stamps from its own first row.
 
-    `origin` and `truth_origin` are the times subtracted [s]. `anchors` are positions (n, 3) [m], or the number of
-    anchors to be found. `tags` (m, 3) are the tags' positions from the point that the lever leads to, in body axes [m].
-    `told` are the lines of the report, `rejected` counts of rejected rows. `scene` holds the landmarks of the boxes.
+    `origin` and `truth_origin` are the times subtracted [s]; `anchors` positions (n, 3) [m], or the number to be found;
+    `tags` (m, 3) their positions from the point that the lever leads to, body axes [m]; `scene` the boxes' landmarks.
     """
 
     name: str

@@ -228,7 +228,7 @@ class FlowSource(Source):
 class BoxSource(Source):
     """A detector's boxes of a room's landmarks [px], one in each row; rows with the same stamp belong to one picture.
 
-    The centre of a pixel has integer coordinates, (0, 0) for the first. The frame of the room is that of the anchors.
+    The centre of a pixel has integer coordinates, (0, 0) for the first. The room and the anchors have one frame.
     """
 
     label: Column = Field(description="The column that names the class of each box, as the room does.")

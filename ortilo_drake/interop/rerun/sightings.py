@@ -54,9 +54,8 @@ def _found(message: np.ndarray) -> tuple[float, np.ndarray]:
 class SightingsRecorder:
     """A recorder of sightings while a scenario flies; pass its `record` to flight.lockstep.fly_lockstep.
 
-    The boxes of a rendered camera are found onboard, so they are not in the messages between the halves. This recorder
-    runs the detector again, which finds the same boxes in the same picture. InputError if a file of the scenario's
-    detector is wrong.
+    A rendered camera's boxes are found onboard, so they do not cross between the halves. This recorder runs the
+    detector again and finds the same boxes. InputError if a file of the scenario's detector is wrong.
     """
 
     def __init__(self, scenario: Scenario):
@@ -94,9 +93,8 @@ class SightingsRecorder:
 def drawn_again(flight: xr.Dataset, make_view: Callable[[Scenario], CameraView]) -> Sightings:
     """Return the pictures and boxes of a finished flight, drawn again from its true states.
 
-    Each picture that was due is drawn, also if it did not arrive. Without a rendered camera there are no pictures.
-    Ranges are never there: a flight does not keep them. InputError if there is no EGL or a file of the scenario's
-    detector is wrong.
+    Each due picture of a rendered camera is drawn, also if it did not arrive. There are no ranges: a flight keeps none.
+    InputError if there is no EGL or a file of the scenario's detector is wrong.
     """
     scenario, seen = scenario_of(flight), Sightings()
     if not scenario.is_rendered:
