@@ -17,7 +17,7 @@ LARGEST_LOG = 2048 * MIB  # size of one flight's log, 8 hours at 30 Hz; the flig
 def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
     """Return the length of a flight in ticks: the duration of its plan plus the time to settle, or its `seconds`.
 
-    `plan` is by default the scenario's. InputError if there is no path, or the flight is too long for it or for a log.
+    `plan` is by default the scenario's. InputError if there is no path, `seconds` is longer, or the log is too large.
     """
     seconds = duration_of(scenario, plan or planned(scenario)) + scenario.settle
     if scenario.seconds is not None:

@@ -82,11 +82,11 @@ class LogWriter:
     """A log that is being written: `with LogWriter(path, scenario) as log: log.write_tick(...)`.
 
     A path NAME gives the folder NAME, which must not exist, with NAME.mcap and, once the log is closed, metadata.yaml.
-    rosbags, ros2 bag and Foxglove open such a folder. A log with ranges and imu also gets a map.yaml for `ortilo replay
-    --map`. Every half second of flight goes to the file as one chunk, so a killed process loses at most half a second,
-    and read_log reads the rest. A loss of power may lose more: nothing is synced to disk. Log times are t_k from the
-    start of the flight [ns], not dates. `messages` says what write_tick is given: ros_messages.TAKEN, messages that the
-    onboard half received, or SENT, messages that a world sent in real time.
+    rosbags, ros2 bag and Foxglove open such a folder. With ranges and imu there is also a map.yaml for the command
+    `ortilo replay --map`. Every half second of flight goes to the file as one chunk, so a killed process loses at most
+    half a second, and read_log reads the rest. A loss of power may lose more: nothing is synced to disk. Log times are
+    t_k from the start of the flight [ns], not dates. `messages` says what write_tick is given: ros_messages.TAKEN,
+    messages that the onboard half received, or SENT, messages that a world sent in real time.
 
     InputError on entering or writing, if the folder exists or cannot be written, or the scenario has no path.
     """
