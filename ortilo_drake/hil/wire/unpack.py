@@ -50,7 +50,7 @@ COUNT_SIZE: Final = 4  # length of an array's size or a text's length [bytes]
 
 
 class BadPacket(Exception):
-    """Bytes that are no packet of this flight; `reason` is one of the words above."""
+    """The error for bytes that are no packet of this flight; `reason` is one of the words above."""
 
     def __init__(self, reason: str):
         super().__init__(reason)

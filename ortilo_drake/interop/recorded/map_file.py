@@ -217,7 +217,7 @@ class Map(Frozen):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the anchors' names in the rows, in the order of `anchors`; empty if the map gives none."""
+        """The anchors' names in the rows, in the order of `anchors`; empty if the map gives none."""
         of_ranges = () if self.ranges is None else self.ranges.names
         return of_ranges or (() if self.differences is None else self.differences.names)
 
