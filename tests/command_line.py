@@ -1,4 +1,4 @@
-"""The command `ortilo`, run in this process or in one of its own."""
+"""The command `ortilo`, run in this process or in a separate one."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ ORTILO = (sys.executable, "-m", "ortilo_drake.cli")
 
 
 class Done(NamedTuple):
-    """How a process ended, and what it said."""
+    """The exit code and the output of a process."""
 
     code: int
     stdout: str
@@ -27,7 +27,8 @@ class Done(NamedTuple):
 def run(*words: str) -> int:
     """Run `ortilo` in this process; return its exit code.
 
-    Once ended by a signal it takes no second one before its process ends; this one goes on, and is to take them.
+    After a signal, `ortilo` ignores further signals until its process ends. This process goes on, so the handlers are
+    restored.
     """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -40,7 +41,7 @@ def run(*words: str) -> int:
 
 
 def start(*words: str, folder: Path | None = None, before: tuple[str, ...] = ()) -> "subprocess.Popen[str]":
-    """Start `ortilo` in a process of its own, in a folder, in front of it a command that runs it elsewhere."""
+    """Start `ortilo` in a separate process, in a folder; `before` is a command that runs it, such as a sandbox."""
     return subprocess.Popen(
         [*before, *ORTILO, *words],
         cwd=folder,
@@ -52,7 +53,7 @@ def start(*words: str, folder: Path | None = None, before: tuple[str, ...] = ())
 
 
 def end(process: "subprocess.Popen[str]") -> Done:
-    """Wait for a process."""
+    """Wait until a process ends, and return its exit code and output."""
     try:
         said, errors = process.communicate(timeout=HANGS)
     finally:
@@ -61,5 +62,5 @@ def end(process: "subprocess.Popen[str]") -> Done:
 
 
 def run_apart(*words: str, folder: Path | None = None) -> Done:
-    """Run `ortilo` in a process of its own."""
+    """Run `ortilo` in a separate process."""
     return end(start(*words, folder=folder))

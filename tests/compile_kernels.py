@@ -1,6 +1,6 @@
-"""Has numba compile its kernels once, before the tests' workers start: they find them on the disk.
+"""Compiles numba's functions once, before the workers of the tests start; the workers then load them from the disk.
 
-No test needs it: what is missing here is compiled where it is first called.
+No test depends on this: a function that is missing here is compiled at its first call.
 """
 
 import contextlib
@@ -49,25 +49,25 @@ def fly_variants() -> None:
 
 
 def run_commands() -> None:
-    """Fly, replay and tune by the commands, and warm up the halves of a flight."""
+    """Run the commands fly, replay and tune, and warm up the halves of a flight."""
     warm_up(load_scenario("nominal_imu_uwb"))
     with tempfile.TemporaryDirectory() as folder:
         flight, log = f"{folder}/flight.nc", f"{folder}/log"
         assert run("fly", "nominal_imu_uwb", *SHORT, "--log", log, "--out", flight) == 0
         assert run("replay", log) == 0
         assert run("tune", flight, "--out", f"{folder}/tuned.yaml") == 0
-        assert run("fly", "nominal_imu_uwb_yolo", "--camera", "projected", *SHORT) == 0  # its floor reads the camera
+        assert run("fly", "nominal_imu_uwb_yolo", "--camera", "projected", *SHORT) == 0  # for the floor with a camera
 
 
 def compile_flight() -> None:
-    """Compile a whole flight; those of other kinds are compiled where they are flown."""
+    """Compile a whole flight of one kind; other kinds are compiled where they are flown."""
     engine = Engine(load_scenario("nominal_imu_uwb", (SHORT[1],)))
     engine.figures([0])
     engine.fly(0)
 
 
 def step_by_name() -> None:
-    """Call the filter as tests and notebooks do: with named tuples, which are types of their own."""
+    """Call the filter with named tuples as tests and notebooks do; numba compiles it for these types too."""
     scenario = load_scenario("nominal_imu_uwb_yolo", (PROJECTED,))
     model = filter_model(scenario.estimator, scenario.vehicle, scenario.estimator.integrator, scenario.h)
     layout, sizes = scenario.measurement.layout, scenario.measurement.sizes
@@ -76,14 +76,14 @@ def step_by_name() -> None:
 
 
 def simulate_arrivals() -> None:
-    """Draw arrivals for a state of one number."""
+    """Simulate arrivals for a system with one state."""
     one = np.ones((1, 1))
     model = check_model(Model(one, one, one, one, np.array([[False], [True]])))
     simulate(model, one, draw_independent(np.array([0.5, 0.5]), 2, 2, seed=0))
 
 
 def analyze_all() -> None:
-    """Call the analyses."""
+    """Call the functions of the analyses."""
     step_by_name()
     simulate_arrivals()
     with tempfile.TemporaryDirectory() as folder:
@@ -91,22 +91,22 @@ def analyze_all() -> None:
 
 
 def collect_tests() -> None:
-    """Have pytest rewrite the tests' asserts: each worker would do so for itself."""
+    """Let pytest rewrite the asserts of the tests once; otherwise each worker would rewrite them."""
     words = (sys.executable, "-m", "pytest", "--collect-only", "-q", str(Path(__file__).parent))
     subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
 
 
-# What one calls compiles what the next ones call, too: in two processes at once it would be compiled twice.
-# What only few quick tests would need is not here: the tight filter, the filter of recordings, the tube.
+# Functions of one group share compiled functions; two processes at once would compile these twice.
+# Functions that only few quick tests need are left out: the tight filter, the filter of recordings, the tube.
 OF_THEORY = (analyze_all, partial(fly_moment, "flow"))
 OF_FLIGHTS = (partial(fly_moment, "nominal_imu_uwb_yolo"), partial(fly_moment, "imu_uwb"), compile_flight, fly_variants)
 OF_FLIGHTS += (run_commands,)
 
 
 def call_all(functions: tuple[Callable[[], None], ...]) -> None:
-    """Call functions one after the other, without what they print, and without looking for unused cycles meanwhile.
+    """Call functions one after the other, without their output and without garbage collection.
 
-    That would take a seventh of the time, and would find little: these processes soon end.
+    Garbage collection would take a seventh of the time and free little, because these processes soon end.
     """
     gc.disable()
     with contextlib.redirect_stdout(io.StringIO()):

@@ -1,7 +1,7 @@
-"""What all tests share: Hypothesis' settings, pictures or none, buses of their own, flights that are flown once.
+"""Settings and fixtures of all tests: Hypothesis' profile, skips without EGL, separate buses, flights flown only once.
 
-Hypothesis takes the same examples in every run, and lets numba compile. Profiles that a test file registers itself
-start from this one, so they keep its settings.
+Hypothesis uses the same examples in every run, and has no deadline, because numba compiles. Profiles that a test file
+registers start from this profile and keep its settings.
 """
 
 import gc
@@ -22,31 +22,32 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure() -> None:
-    """Take SIGINT as a terminal's process does: a shell that starts a job in the background has it ignored."""
+    """Handle SIGINT as in a terminal; a shell makes background jobs ignore SIGINT."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_finish() -> None:
-    """Have Python look for unused cycles less often, and not among the thousands of tests and modules: a seventh of the
-    time in which numba compiles went there.
+    """Let Python collect garbage less often, and not among the thousands of tests and modules.
+
+    Otherwise a seventh of numba's compile time goes into garbage collection.
     """
     gc.freeze()
     gc.set_threshold(100_000, 50, 50)
 
 
-NIGHTLY = ("notebook", "training", "real_time", "video", "long")  # what `make nightly` runs and `make test` does not
+NIGHTLY = ("notebook", "training", "real_time", "video", "long")  # marks of tests that `make test` leaves out
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add --part K/N: of the tests with a mark of NIGHTLY every N-th, from the K-th on; the others are all run."""
+    """Add --part K/N: of the tests with a mark of NIGHTLY, run every N-th, from the K-th on; run all other tests."""
     parser.addoption("--part", metavar="K/N", default="0/1", help="run every N-th of the nightly tests, from K (0 ...)")
 
 
 def shorten_families(items: list[pytest.Item]) -> None:
-    """Mark `long` all cases but one of each test that is marked `family`: the one that it names, or else the first.
+    """Mark `long` all cases of each test marked `family`, except the case that the mark names, or else the first case.
 
-    The first in the file, in whichever order they run: pytest-randomly may have mixed them before.
+    The first case is the first in the file, even if pytest-randomly has already changed the order.
     """
     families: dict[str, list[pytest.Function]] = {}
     for item in items:
@@ -61,10 +62,10 @@ def shorten_families(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Iterator[None]:
-    """Leave out the other parts' nightly tests, and put first what flies by the clock and the notebooks.
+    """Leave out the nightly tests of other parts, and run real-time tests and notebooks first.
 
-    Of two workers one begins with the first, one at a time, the other with the second: xdist gives each worker half of
-    the list to begin with. Both take long: neither should be what is left at the end.
+    xdist gives each of two workers half of the list. One half begins with the real-time tests, which run one at a time,
+    the other half with the notebooks: both take long and should not be left for the end.
     """
     shorten_families(items)
     yield  # the order becomes random
@@ -96,14 +97,14 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture(scope="session")
 def workers_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
-    """A folder that the workers of this run have in common."""
+    """A folder that all workers of this run share."""
     folder = tmp_path_factory.getbasetemp()
     return folder if worker_id == "master" else folder.parent
 
 
 @pytest.fixture(scope="session")
 def flown(workers_folder: Path) -> Callable[..., xr.Dataset]:
-    """A function that returns the flight of load_scenario's arguments, flown once whichever worker asks first."""
+    """A function that returns the flight of load_scenario's arguments; all workers together fly each flight once."""
     from ortilo_drake.flight.flight import fly
     from ortilo_drake.flight.saved_flight import load_flight, save_flight
     from ortilo_drake.scenario import load_scenario
@@ -121,7 +122,7 @@ def flown(workers_folder: Path) -> Callable[..., xr.Dataset]:
 
 @pytest.fixture(autouse=True)
 def one_in_real_time(request: pytest.FixtureRequest, workers_folder: Path) -> Iterator[None]:
-    """Two flights by the clock would take each other's processor."""
+    """Run only one real-time test at a time: two would compete for the processor."""
     if not request.node.get_closest_marker("real_time"):
         yield
         return
@@ -131,7 +132,7 @@ def one_in_real_time(request: pytest.FixtureRequest, workers_folder: Path) -> It
 
 @pytest.fixture(autouse=True)
 def signals_as_before() -> Iterator[None]:
-    """No test leaves signals otherwise than it found them: the next ones send them."""
+    """Check that a test leaves the signal handlers unchanged, because later tests send these signals."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.getsignal(number) for number in numbers]
     yield
@@ -143,7 +144,7 @@ def signals_as_before() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def own_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A folder for the settings of a user who runs the tests, not that user's own: there is the halves' key."""
+    """Use an empty folder in place of the settings folder of the user who runs the tests, which holds a key."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
         yield
@@ -151,7 +152,7 @@ def own_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture
 def own_register(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Give a test a register of its own: a part that stays registered is another program to what flies later."""
+    """Give a test its own register of parts: a part that stays registered would change the flights of later tests."""
     from ortilo_drake.model import parts
 
     before = set(sys.modules)
@@ -165,13 +166,13 @@ def own_register(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         monkeypatch.setattr(parts, name, own)
     yield
     for name in set(sys.modules) - before:
-        if name.startswith("ortilo_plugin_"):  # so that the next test runs the file again
+        if name.startswith("ortilo_plugin_"):  # removed so that the next test runs the file again
             del sys.modules[name]
 
 
 @pytest.fixture
 def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """The URL of a bus that is this test's alone; halves in this process wait for each other as long as it takes."""
+    """The URL of a bus that only this test uses; halves in this process wait for each other with much patience."""
     from hil_link import own_bus
     from waiting import HANGS
 
@@ -183,7 +184,7 @@ def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 @pytest.fixture
 def other_bus() -> Iterator[str]:
-    """A second one."""
+    """The URL of a second bus that only this test uses."""
     from hil_link import own_bus
 
     with own_bus() as url:
@@ -192,7 +193,7 @@ def other_bus() -> Iterator[str]:
 
 @pytest.fixture
 def drawn_figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The figures that are drawn to be written, which none is."""
+    """The list of figures that a test draws; no figure is written to a file."""
     made: list[Any] = []
     monkeypatch.setattr("ortilo_drake.views.pictures.save_picture", lambda figure, path: made.append(figure))
     return made

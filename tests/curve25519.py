@@ -1,10 +1,10 @@
-"""X25519 as RFC 7748 writes it, to compare keys with."""
+"""X25519 as written in RFC 7748, to compare keys with."""
 
 P = 2**255 - 19
 
 
 def public_key(secret: bytes) -> bytes:
-    """Return the public key of a secret one (32 bytes): the Montgomery ladder from u = 9."""
+    """Return the public key (32 bytes) of a secret key (32 bytes), by the Montgomery ladder from u = 9."""
     k = int.from_bytes(secret, "little") & ~7 & ~(128 << 8 * 31) | 64 << 8 * 31
     x1, x2, z2, x3, z3, swap = 9, 1, 0, 9, 1, 0
     for t in reversed(range(255)):

@@ -1,4 +1,4 @@
-"""A box played by Drake as a system of its own, its inputs given by hand."""
+"""A box that Drake plays as one system, with inputs fixed by the test."""
 
 from typing import Any
 
@@ -10,16 +10,17 @@ from ortilo_drake.loop.wiring import Wiring
 
 
 class PlayedBox:
-    """What a box says and keeps when Drake plays it.
+    """The output and the state of a box that Drake plays.
 
     Args:
         box: the box.
         h: tick [s].
-        inputs: what it reads in the first tick.
+        seed: seed of all noise.
+        inputs: inputs of the box, by name, until `fix` changes them.
 
     Attributes:
-        system: that plays it.
-        context: in which it plays.
+        system: Drake system that plays the box.
+        context: Context of the system.
     """
 
     def __init__(self, box: Box, h: float, seed: int = 0, **inputs: np.ndarray):
@@ -34,7 +35,7 @@ class PlayedBox:
         self.fix(**self._inputs)
 
     def on_autodiff(self, seed: int = 0) -> "PlayedBox":
-        """Return the same of AutoDiffXd, in a context of its own."""
+        """Return the same box with AutoDiffXd, in a new Context."""
         other = PlayedBox.__new__(PlayedBox)
         other.__dict__.update(self.__dict__)
         other.system = self.system.ToAutoDiffXd()
@@ -42,18 +43,18 @@ class PlayedBox:
         return other
 
     def fix(self, **inputs: np.ndarray) -> None:
-        """Give inputs from now on."""
+        """Fix inputs by name, from now on."""
         for name, values in inputs.items():
             self.system.GetInputPort(name).FixValue(self.context, values)
 
     def say(self, k: int = 0, **inputs: np.ndarray) -> np.ndarray:
-        """Return what it says in a tick, or the first part of that."""
+        """Return the output in a tick, or its first part if the output has parts."""
         self.fix(**inputs)
         self.context.SetTime(k * self._h)
         return np.array(self.system.GetOutputPort(self._said).Eval(self.context))
 
     def step(self) -> np.ndarray:
-        """Take its state to the next tick, and return it."""
+        """Advance the state to the next tick, and return it."""
         state = self.system.EvalUniquePeriodicDiscreteUpdate(self.context).value().copy()
         self.context.SetDiscreteState(state)
         return state

@@ -1,7 +1,7 @@
-"""Tracks of the ready-made flights, to which later versions are held.
+"""Tracks of the ready-made flights, which later versions must reproduce.
 
-`python tests/flight_tracks.py [SCENARIO ...]` flies them, or those named, and writes data/flight_tracks.json anew: only
-for a change that is meant to change flights, and that says so in the CHANGELOG.
+`python tests/flight_tracks.py [SCENARIO ...]` flies all scenarios, or the named ones, and rewrites
+data/flight_tracks.json. Use it only for a change that is meant to change flights and that the CHANGELOG mentions.
 """
 
 import hashlib
@@ -21,16 +21,16 @@ FILE: Final = Path(__file__).parent / "data" / "flight_tracks.json"
 SHORT: Final = "planner={kind: waypoints, points: [[0, 0, 1.5], [1.2, 0.6, 1.5]]}"
 PROJECTED: Final = [(name, "projected") for name in scenario_names()]
 RENDERED: Final = [(name, "rendered") for name in ("nominal_imu_uwb_yolo", "paper_imu_uwb_yolo")]
-SEEDS: Final = {"projected": range(5), "rendered": range(2)}  # drawing takes minutes
-TRACK_EVERY: Final = 600  # ticks
+SEEDS: Final = {"projected": range(5), "rendered": range(2)}  # rendering takes minutes
+TRACK_EVERY: Final = 600  # interval of the track [ticks]
 
 
 def fly_ready_made(
     name: str, camera: str, seeds: Iterable[int], player: str = "drake"
 ) -> Iterator[tuple[int, xr.Dataset]]:
-    """Fly a ready-made scenario whole, but on a short path with the rendered camera or with a truth of its own.
+    """Fly a ready-made scenario on its whole path; on a short path with a rendered camera or with a truth of its own.
 
-    Both are slow: pictures are drawn, or rotors, gusts and clocks integrated.
+    These two are slow: pictures are rendered, or rotors, gusts and clocks are integrated.
     """
     is_slow = camera == "rendered" or load_scenario(name).truth != Truth()
     changes = (f"camera.kind={camera}", *((SHORT,) if is_slow else ()))
@@ -48,13 +48,13 @@ def digest(flight: xr.Dataset) -> str:
 
 
 def track(flight: xr.Dataset) -> np.ndarray:
-    """Return the true and the estimated p_WB (6) of every TRACK_EVERY-th tick and of the last one [m], as rows."""
+    """Return true and estimated p_WB [m] in every TRACK_EVERY-th tick and the last tick, a row for each (n x 6)."""
     positions = np.hstack((flight["truth"].values[:, :3], flight["estimate"].values[:, :3]))
     return np.vstack((positions[::TRACK_EVERY], positions[-1:]))
 
 
 def main(names: list[str]) -> None:
-    """Write the tracks of the scenarios named, by default of all."""
+    """Write the tracks of the named scenarios, by default of all."""
     kept = json.loads(FILE.read_text()) if FILE.exists() else {}
     for name, camera in [pair for pair in (*PROJECTED, *RENDERED) if pair[0] in (names or scenario_names())]:
         for seed, flight in fly_ready_made(name, camera, SEEDS[camera]):

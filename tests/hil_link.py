@@ -1,4 +1,4 @@
-"""Buses that no other test on this machine has, and an onboard half that answers on one."""
+"""Buses that only one test on this machine uses, and an onboard half that answers on a bus."""
 
 import secrets
 import select
@@ -21,16 +21,16 @@ from ortilo_drake.hil.wire.packets import Goal, Outbox, ports
 from ortilo_drake.hil.wire.unpack import Flight
 from ortilo_drake.scenario import Scenario, load_scenario
 
-KEY = 32 * b"k"  # that the halves share
+KEY = 32 * b"k"  # key that the halves share
 _OPEN: list[Bus] = []
-PORTS_TO_TRY = range(20_000, 32_000)  # below those that the kernel hands out by itself
+PORTS_TO_TRY = range(20_000, 32_000)  # below the ports that the kernel assigns by itself
 
 
 @contextmanager
 def own_bus() -> Iterator[str]:
-    """Yield the URL of a bus whose port is this test's until it ends, whatever else runs on this machine.
+    """Yield the URL of a bus whose port only this test uses until it ends, whatever else runs on this machine.
 
-    Whoever holds the UDP port of the same number has the bus; its TCP port stays free for the one who serves it.
+    Holding the UDP port of the same number reserves the bus; the TCP port stays free for the server of the bus.
     """
     while True:
         port = PORTS_TO_TRY[secrets.randbelow(len(PORTS_TO_TRY))]
@@ -50,26 +50,26 @@ def own_bus() -> Iterator[str]:
 
 
 def open_bus(url: str, serves: bool = False, key: bytes = KEY) -> Bus:
-    """Open a bus, which is closed with the test's own."""
+    """Open a bus; it is closed when own_bus ends."""
     _OPEN.append(Bus(url, key, serves))
     return _OPEN[-1]
 
 
 def greeting(mechanism: bytes) -> bytes:
-    """Return what a client of ZeroMQ says first (ZMTP 3.1), of a mechanism of security."""
+    """Return the first bytes that a ZeroMQ client (ZMTP 3.1) with a security mechanism sends."""
     return b"\xff" + bytes(8) + b"\x7f\x03\x01" + mechanism.ljust(20, b"\0") + bytes(32)
 
 
 def refuses(url: str, size: int) -> bool:
-    """Return whether who serves a bus refuses a message of a size from one who has shown no key.
+    """Return whether the server of a bus refuses a message of this size from a client that has shown no key.
 
-    It is announced alone. Where it is not refused, its connection lasts as long as one that says nothing, and longer
-    than one of those that was there before.
+    Only the size of the message is sent. If the server does not refuse it, the client's connection lasts longer than a
+    silent connection that was opened before.
     """
     at = "127.0.0.1", int(url.rpartition(":")[2])
     with socket.create_connection(at) as silent, socket.socket() as stranger:
-        silent.recv(1)  # it is being waited for ...
-        time.sleep(0.2)  # ... and that ends so much sooner
+        silent.recv(1)  # the server now waits for the silent connection ...
+        time.sleep(0.2)  # ... and closes it this much sooner than the other
         stranger.connect(at)
         stranger.sendall(greeting(b"CURVE") + b"\x06" + size.to_bytes(8, "big"))
         while True:
@@ -85,7 +85,7 @@ def refuses(url: str, size: int) -> bool:
 
 
 class Loop:
-    """In place of a bus: what is published comes back here."""
+    """A replacement of a bus that returns published messages to its own subscribers."""
 
     def __init__(self) -> None:
         self.refused = Counter[str]()
@@ -110,7 +110,7 @@ class Loop:
 
 
 def settle(server: Bus, *others: Bus) -> None:
-    """Return once all who joined a bus are there: a message of each has come, and one of the server to each."""
+    """Wait until all have joined a bus: the server got a message from each, and each got one from the server."""
     came = [0] * (len(others) + 1)
 
     def count(i: int) -> Callable[[bytes], None]:
@@ -137,7 +137,7 @@ def settle(server: Bus, *others: Bus) -> None:
 
 
 def key_file(folder: Path) -> Path:
-    """Write KEY to a file in a folder and return it."""
+    """Write KEY to a file in a folder; return the file's path."""
     file = folder / "key"
     file.touch(0o600)
     file.write_text(KEY.hex())
@@ -145,13 +145,13 @@ def key_file(folder: Path) -> Path:
 
 
 def flight_for_packets(session: int = 77, shape: tuple[int, int] | None = None) -> Flight:
-    """Return a flight of nominal_imu_uwb_yolo, 30 Hz, whose pictures have a shape."""
+    """Return a flight of nominal_imu_uwb_yolo (30 Hz) with pictures of this shape."""
     scenario = load_scenario("nominal_imu_uwb_yolo", ("camera.kind=projected",))
     return flight_of(scenario, session)._replace(shape=shape)
 
 
 class PlayedWorld:
-    """A world under way, as far as those see it who join it or listen; it hears hello and goals."""
+    """A flying world as seen by those who join or listen; it receives hello and goals."""
 
     def __init__(self, url: str, scenario: Scenario):
         self.bus = open_bus(url, serves=True)
@@ -161,20 +161,20 @@ class PlayedWorld:
         self.outbox = Outbox(self.bus, self.flight.session)
 
     def turn(self, tick: int, state: str = "") -> list[Goal]:
-        """Say hello at a tick; return the goals that users asked for since the last turn."""
+        """Send hello at a tick; return the goals that users sent since the last turn."""
         heard = [arrival.packet.value for arrival in self.inbox.poll()]
         self._greeter.say(tick, state)
         return [goal for goal in heard if isinstance(goal, Goal) and goal.role == "user"]
 
     def close(self) -> None:
-        """Serve the bus no longer."""
+        """Close the bus."""
         _OPEN.remove(self.bus)
         self.bus.close()
 
 
 @contextmanager
 def answering(scenario: Scenario, bus: str) -> Iterator["Future[int]"]:
-    """Be the onboard half of one flight in lockstep, beside the caller; yield how many ticks it will have answered."""
+    """Run the onboard half of one flight in lockstep in a thread; yield the future number of answered ticks."""
     joined = open_bus(bus)
     inbox, onboard = Inbox(joined, ("hello", "goal", "tick", *ports())), OnboardHalf(scenario)
 

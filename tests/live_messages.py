@@ -1,4 +1,4 @@
-"""Messages of made-up topics, as a bag's reader or rclpy makes them, and the map that names them."""
+"""Messages of made-up topics, in the form of a bag's reader or of rclpy, and the map that names the topics."""
 
 from types import SimpleNamespace
 
@@ -26,7 +26,7 @@ def imu_message(t, rates=(0.0, 0.0, 0.0), force=(0.0, 0.0, 9.81)):
 
 
 def messages_of(motion):
-    """Return (topic, time of receipt [ns], message) of a motion in the order of their stamps."""
+    """Return (topic, time of receipt [ns], message) for all samples of a motion, in the order of the stamps."""
     found = [(t, "/imu", imu_message(t, row[:3], row[3:])) for t, row in zip(motion.t_imu, motion.imu, strict=True)]
     for t, row in zip(motion.t_r, motion.r, strict=True):
         found += [(t, f"/r{i}", range_message(t, float(r))) for i, r in enumerate(row) if np.isfinite(r)]

@@ -1,4 +1,4 @@
-"""A made-up motion with everything known, and its files: tables, bags, MCAP."""
+"""A made-up motion whose quantities are all known, and its files: tables, bags, MCAP."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -16,12 +16,12 @@ from ortilo_drake.model.typed_yaml import parse_yaml, validate
 ANCHORS = np.array([(0, 0, 0.2), (6, 0, 2.8), (6, 8, 0.2), (0, 8, 2.8), (3, 0, 1.5), (3, 8, 2.9)], dtype=float)
 BIASES = np.array([-0.10, 0.05, -0.20, 0.0, 0.12, -0.05])
 LEVER = np.array([0.12, -0.05, 0.04])
-OFFSET, YAW, SHIFT = 0.73, 0.4, np.array([1.0, -2.0, 0.3])  # truth's clock less ours; truth's frame in the anchors'
+OFFSET, YAW, SHIFT = 0.73, 0.4, np.array([1.0, -2.0, 0.3])  # truth's clock minus ours; pose of truth's frame
 GRAVITY = 9.81
 
 
 class Motion(NamedTuple):
-    """Stamps and values of ranges (n, 6), imu rates and force (k, 6), attitude (k, 3, 3), truth (m, 3), (m, 3, 3)."""
+    """Stamps and values: ranges (n x 6), imu rates and force (k x 6), attitude (k x 3 x 3), true p (m x 3) and R."""
 
     t_r: np.ndarray
     r: np.ndarray
@@ -67,7 +67,7 @@ def made_up(duration=60.0, seed=1, noise=0.03, outliers=0.0, place=place):
 
 
 def as_map(text: str) -> Map:
-    """The map of a text."""
+    """Return the map that a text describes."""
     return validate(Map, parse_yaml(text, "MAP.yaml"), "MAP.yaml")
 
 
@@ -108,7 +108,7 @@ truth:
 
 
 def _messages(motion: Motion, store, ros1: bool):
-    """Yield (stamp [ns], topic, type, message) of a motion, the IMU's axes forward, right, down."""
+    """Yield (stamp [s], topic, type, message) of a motion; the IMU's axes are forward, right, down."""
     types = store.types
     Time = types["builtin_interfaces/msg/Time"]
 
@@ -136,7 +136,7 @@ def _messages(motion: Motion, store, ros1: bool):
 
 
 def write_bag(path: Path, motion: Motion, kind: str, packed: str = "") -> Path:
-    """Write a `ros1` bag, or a `ros2` folder with `sqlite3` or `mcap` inside, `packed` by file or message or not."""
+    """Write a bag of kind `ros1`, or a ROS 2 folder with `sqlite3` or `mcap`; `packed` is '', 'file' or 'message'."""
     ros1 = kind == "ros1"
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
     if ros1:

@@ -1,4 +1,4 @@
-"""Summaries of flights that nobody flew."""
+"""Made-up summaries of flights."""
 
 from ortilo_drake.flight.summary import Loss, Summary
 

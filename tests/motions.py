@@ -1,4 +1,4 @@
-"""States by the names of their entries, and how they turn by SciPy."""
+"""States from named entries, and their attitude and body rates by SciPy."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,6 +17,6 @@ def attitude(rpy: np.ndarray) -> Rotation:
 
 
 def body_rates(rpy: np.ndarray, rpy_dot: np.ndarray, step: float = 1e-6) -> np.ndarray:
-    """w_WB_B by a central difference."""
+    """Return w_WB_B [rad/s] by a central difference."""
     before, after = attitude(rpy - step * rpy_dot), attitude(rpy + step * rpy_dot)
     return (before.inv() * after).as_rotvec() / (2 * step)

@@ -1,8 +1,8 @@
-"""Small ONNX networks with the heads of YOLOv5, v8 and v11, and what they find, by NumPy and OpenCV alone.
+"""Small ONNX networks with the heads of YOLOv5, v8 and v11, and their results by NumPy and OpenCV alone.
 
-The layers of each head are those of Ultralytics: v5's sigmoid, grid and anchors; v8's and v11's distances as means of
-distributions (DFL), v11's class scores behind a convolution by channels. In the place of a backbone stands one
-convolution a stride, whose kernel is as large as its stride, with random weights.
+Each head has the layers of Ultralytics: v5 has sigmoid, grid and anchors; v8 and v11 have distances as means of
+distributions (DFL); v11 has class scores behind a convolution by channels. One convolution for each stride, with random
+weights and a kernel as large as the stride, replaces the backbone.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 STRIDES = (8, 16, 32)
-BINS = 16  # of a distance's distribution
+BINS = 16  # number of bins in the distribution of a distance
 ANCHORS = np.array(
     [[[10, 13], [16, 30], [33, 23]], [[30, 61], [62, 45], [59, 119]], [[116, 90], [156, 198], [373, 326]]]
 )
@@ -24,16 +24,16 @@ def sigmoid(x: np.ndarray) -> np.ndarray:
 
 
 class Network:
-    """A network of a head, 'v5', 'v8' or 'v11', of c classes and an input of that width and height.
+    """A network with a head 'v5', 'v8' or 'v11', with c classes, for an input of this width and height [px].
 
-    The same numbers as an ONNX file (write) and as NumPy (rows).
+    The same weights are written to an ONNX file (`write`) and computed by NumPy (`rows`).
     """
 
     def __init__(self, head: str, classes: int, size: tuple[int, int], seed: int = 0, kind: type = np.float32):
         self.head, self.classes, self.size, self.kind = head, classes, size, kind
         rng = np.random.default_rng(seed)
         channels = 3 * (5 + classes) if head == "v5" else 4 * BINS + classes
-        # Random kernels see a picture's mean and slopes: wide enough that some scores pass and most do not.
+        # Random kernels respond to a picture's mean and slopes; with this spread some scores pass and most do not.
         self.weights = [rng.normal(0.0, 3.0 / s, (channels, 3, s, s)).astype(np.float32) for s in STRIDES]
         self.biases = [rng.normal(-1.5 if head != "v5" else -0.5, 0.5, channels).astype(np.float32) for _ in STRIDES]
         self.by_channel = [rng.normal(1.0, 0.3, (classes, 1, 1, 1)).astype(np.float32) for _ in STRIDES]
@@ -41,7 +41,7 @@ class Network:
     # --- as ONNX ----------------------------------------------------------------------------------------------
 
     def write(self, path: Path, metadata: dict[str, str] | None = None, **options) -> Path:
-        """Write the file: metadata, and of options `extra` outputs, an open `batch` and open `sides`."""
+        """Write the ONNX file with metadata; options: shapes of `extra` outputs, `open_sides` for open input sizes."""
         nodes, given = [], []
 
         def constant(name: str, value) -> str:
@@ -120,7 +120,7 @@ class Network:
     # --- by NumPy ---------------------------------------------------------------------------------------------
 
     def rows(self, pixels: np.ndarray) -> np.ndarray:
-        """The boxes and scores of an input (3, height, width): x, y, w, h [px], then score by class (n, 4 + c)."""
+        """Return the rows x, y, w, h [px] and the scores by class (n x 4 + c), for an input (3 x height x width)."""
         found = []
         for i, s in enumerate(STRIDES):
             _, height, width = pixels.shape
@@ -150,7 +150,7 @@ class Network:
 def seen_by(
     network: Network, image: np.ndarray, threshold: float, overlap: float
 ) -> list[tuple[int, float, np.ndarray]]:
-    """What the network finds in a picture (class, score, box), best first: Ultralytics' letterbox, OpenCV's NMS."""
+    """Return the detections (class, score, box) in a picture, best first: Ultralytics' letterbox, OpenCV's NMS."""
     height, width = image.shape[:2]
     r = min(network.size[0] / width, network.size[1] / height)
     new = round(width * r), round(height * r)

@@ -1,4 +1,4 @@
-"""The two recorded motions in ORTILO_FLIGHT_DATA, and one map for both."""
+"""The two recorded motions in the folder ORTILO_FLIGHT_DATA, and one map for both."""
 
 import os
 from pathlib import Path
@@ -25,7 +25,7 @@ truth: {{file: gt.csv, time: 1, position: [2, 3, 4]}}
 
 
 def flight_folder(name: str) -> Path:
-    """Return a motion's folder; skip the test, naming the variable, where it is not set."""
+    """Return the folder of a motion; if ORTILO_FLIGHT_DATA is not set, skip the test and name the variable."""
     variable = os.environ.get("ORTILO_FLIGHT_DATA")
     if not variable:
         pytest.skip("ORTILO_FLIGHT_DATA is not set: it names the folder of recorded flights (flight1, flight2)")

@@ -1,4 +1,4 @@
-"""A box by the plain source of its functions, its inputs given by hand."""
+"""A box computed by the plain source of its functions, with inputs given by the test."""
 
 from typing import Any
 
@@ -10,11 +10,11 @@ from ortilo_drake.loop.wiring import check_values
 
 
 class PlainBox:
-    """What a box says and keeps when its functions are called with these inputs.
+    """The output and the state of a box whose functions are called in plain Python.
 
     Args:
-        box: it.
-        helpers: whether compiled functions that its functions call run as plain source, too.
+        box: the box.
+        helpers: whether compiled functions that the box's functions call also run as plain source.
     """
 
     def __init__(self, box: Box, helpers: bool = False):
@@ -32,12 +32,12 @@ class PlainBox:
             self._functions = {what: plain_source(function) for what, function in element.functions.items()}
 
     def say(self, k: int = 0, seed: int = 0, **inputs: np.ndarray) -> np.ndarray:
-        """Return what it says in a tick."""
+        """Return the output in a tick."""
         self._call("out", k, seed, inputs)
         return self.out.copy()
 
     def step(self, k: int = 0, seed: int = 0, **inputs: np.ndarray) -> None:
-        """Take its state to the next tick."""
+        """Advance the state to the next tick."""
         self._call("step", k, seed, inputs)
 
     def _call(self, what: str, k: int, seed: int, inputs: dict[str, np.ndarray]) -> None:

@@ -1,4 +1,4 @@
-"""The filter of recordings as plain Python: on a few seconds it takes less time than to compile it."""
+"""The filter of recordings as plain Python: for a few seconds of data this is faster than compiling the filter."""
 
 from types import ModuleType
 
@@ -8,6 +8,6 @@ from ortilo_drake.loop.plain import plain_source
 
 
 def run_plainly(monkeypatch: pytest.MonkeyPatch, module: ModuleType, *names: str) -> None:
-    """Put the plain source of compiled functions in their place in a module."""
+    """Replace compiled functions in a module by their plain source."""
     for name in names:
         monkeypatch.setattr(module, name, plain_source(getattr(module, name)))

@@ -1,4 +1,4 @@
-"""A planner of goals without a process of its own."""
+"""A planner of goals without a separate process."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from ortilo_drake.scenario import Scenario
 
 
 class AtOnce(GoalPlanner):
-    """Plans in this process, when it is asked for the plan."""
+    """A planner of goals that plans in this process, when its plan is polled."""
 
     def __init__(self, scenario: Scenario):
         self._scenario, self._job = scenario, None

@@ -1,4 +1,4 @@
-"""A box as Drake plays it: one system, its inputs given by hand."""
+"""A box that Drake plays as one system, with inputs given in each call."""
 
 from typing import Any
 
@@ -10,37 +10,37 @@ from ortilo_drake.loop.wiring import Wiring
 
 
 class PlayedBox:
-    """What a box says and keeps as a system of Drake's; of AutoDiffXd where an input is.
+    """The outputs and the state of a box that Drake plays; with AutoDiffXd if an input is AutoDiffXd.
 
-    Every call gives all inputs that the box reads, of the same sizes as before.
+    Every call gives all inputs of the box, with the same sizes as in the first call.
 
     Args:
         box: the box.
         h: tick [s].
-        seed: of all noise.
-        **start: states at the start, in place of the box's own.
+        seed: seed of all noise.
+        **start: first states that replace the box's own.
     """
 
     def __init__(self, box: Box, h: float = 1.0 / 30.0, seed: int = 0, **start: np.ndarray):
         self._box, self._h, self._seed, self._start, self._system = box, h, seed, start, None
 
     def say(self, k: int = 0, **inputs: np.ndarray) -> np.ndarray:
-        """Return what its output ports say in a tick, one after the other."""
+        """Return the values of all output ports in a tick, one after the other."""
         self._fix(k, inputs)
         return np.concatenate([self._system.GetOutputPort(name).Eval(self._context) for name in self._ports])
 
     def parts(self, k: int = 0, **inputs: np.ndarray) -> dict[str, np.ndarray]:
-        """Return what each of its output ports says in a tick."""
+        """Return the value of each output port in a tick, by the port's name."""
         self._fix(k, inputs)
         return {name: self._system.GetOutputPort(name).Eval(self._context).copy() for name in self._ports}
 
     def step(self, k: int = 0, **inputs: np.ndarray) -> None:
-        """Take its state to the next tick."""
+        """Advance the state to the next tick."""
         self._fix(k, inputs)
         self._context.SetDiscreteState(self._system.EvalUniquePeriodicDiscreteUpdate(self._context))
 
     def state(self, name: str) -> np.ndarray:
-        """Return one of its states."""
+        """Return the state of this name."""
         return np.array(self._system.state_of(self._context, self._box.name, name))
 
     def _fix(self, k: int, inputs: dict[str, np.ndarray]) -> None:

@@ -1,4 +1,4 @@
-"""A file that registers a servo, an estimator and a planner of one's own, for --plugin; all three fly."""
+"""A file for --plugin that registers a servo, an estimator and a planner; all three fly."""
 
 from typing import Literal
 
@@ -16,7 +16,7 @@ class OwnServoSettings(od.Frozen):
 
 
 class OwnServo(LeafSystem):
-    """Cascaded gains from position to torque, about a reference's position, at heading 0."""
+    """A cascade from position to torque about the reference, at heading 0."""
 
     def __init__(self, scenario: od.Belief):
         super().__init__()
@@ -40,7 +40,7 @@ class OwnEstimatorSettings(od.Frozen):
 
 
 class OwnEstimator(LeafSystem):
-    """Believes that it still is where it began."""
+    """An estimator that always returns the initial state."""
 
     def __init__(self, scenario: od.Belief, xbar_0: np.ndarray):
         super().__init__()
@@ -54,14 +54,14 @@ class OwnEstimator(LeafSystem):
 
 
 class OwnPlannerSettings(od.Frozen):
-    """Settings of the planner: how long it stands still [s]."""
+    """Settings of the planner, with the duration of the hover [s]."""
 
     kind: Literal["own_planner"] = "own_planner"
     duration: float = 1.0
 
 
 def make_path(scenario: od.Belief) -> PiecewisePolynomial:
-    """Return standing still in the middle of the room."""
+    """Return a path that stays at one point in the middle of the room."""
     return PiecewisePolynomial.FirstOrderHold([0.0, scenario.planner.duration], np.tile([[8.0], [1.0], [1.5]], 2))
 
 

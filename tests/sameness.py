@@ -1,16 +1,16 @@
-"""Proof that two flights are one: bit for bit, in every variable."""
+"""The check that two flights are the same, bit for bit, in every variable."""
 
 import numpy as np
 import xarray as xr
 
 
 def assert_same_bits(one: xr.Dataset, other: xr.Dataset, within: float = 0.0) -> None:
-    """Assert that two flights ended alike and have the same variables, with the same arrivals and values.
+    """Assert that two flights ended in the same way and have the same variables with the same values.
 
     Args:
         one: a flight.
-        other: another one.
-        within: how far values may be apart, in the unit of each: 0 is bit for bit.
+        other: another flight.
+        within: largest difference of two values, in the values' unit; 0 means bit for bit.
     """
     assert one.attrs["lost"] == other.attrs["lost"]
     assert set(one.variables) == set(other.variables)

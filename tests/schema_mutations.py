@@ -1,8 +1,8 @@
-"""Valid input spoilt at random, by the JSON schema that pydantic gives of a model: every field, every union's members.
+"""Valid input, spoilt at random by a model's JSON schema from pydantic: every field, every member of a union.
 
-A case is a pure function of its seed. Where the schema names a bound, values at the bound and one step beyond it are
-tried; beside them whatever files were ever seen to hold: wrong types, huge and tiny numbers, control characters, lists
-of wrong length, misspelt, missing and unknown keys, and YAML that is none.
+A case is a pure function of its seed. If the schema has a bound, values at the bound and one step beyond are tried. All
+other changes are like those seen in real files: wrong types, huge and tiny numbers, control characters, lists of wrong
+length, misspelt, missing and unknown keys, and invalid YAML.
 """
 
 import copy
@@ -137,7 +137,7 @@ RAW = (
 
 @dataclass(frozen=True)
 class Place:
-    """A place in the data: the way there, what the schema wants there, and what stands there."""
+    """A place in the data: its path, the schema at this place, and the value there."""
 
     path: Where
     schema: Schema
@@ -145,14 +145,14 @@ class Place:
 
 
 def resolve(schema: Schema, root: Schema) -> Schema:
-    """Return a schema with its reference followed."""
+    """Return the schema to which a reference leads, or the schema itself if it is no reference."""
     while "$ref" in schema:
         schema = root["$defs"][schema["$ref"].rpartition("/")[2]]
     return schema
 
 
 def member_for(schema: Schema, value: Any, root: Schema) -> Schema:
-    """Return the member of a union that a valid value is of, or the schema itself where it is none."""
+    """Return the member of a union to which a valid value belongs, or the schema itself if it is no union."""
     schema = resolve(schema, root)
     for member in (resolve(m, root) for m in schema.get("oneOf", schema.get("anyOf", ()))):
         if isinstance(value, dict) and "kind" in member.get("properties", {}):
@@ -164,7 +164,7 @@ def member_for(schema: Schema, value: Any, root: Schema) -> Schema:
 
 
 def places(schema: Schema, value: Any, root: Schema, path: Where = ()) -> Iterator[Place]:
-    """Yield every place of valid data, groups as well as numbers and texts."""
+    """Yield every place in valid data: groups, lists, numbers and texts."""
     yield Place(path, schema, value)
     member = member_for(schema, value, root)
     if isinstance(value, dict):
@@ -178,7 +178,7 @@ def places(schema: Schema, value: Any, root: Schema, path: Where = ()) -> Iterat
 
 
 def bounds(schema: Schema, root: Schema) -> list[float]:
-    """Return the numbers about which a schema's answer changes: its bounds and their neighbours."""
+    """Return the bounds of a schema and their nearest neighbours, where valid becomes invalid."""
     schema = resolve(schema, root)
     found: list[float] = []
     for member in (schema, *(resolve(m, root) for m in schema.get("anyOf", ()))):
@@ -193,7 +193,7 @@ def bounds(schema: Schema, root: Schema) -> list[float]:
 
 
 def misspelt(word: str, rng: np.random.Generator) -> str:
-    """Return a word with two letters swapped, one lost or one doubled."""
+    """Return a word with one letter lost, one letter doubled, or cut off behind two swapped letters."""
     i = int(rng.integers(max(1, len(word))))
     return (word[:i] + word[i + 1 :], word[: i + 1] + word[i:], word[: i - 1] + word[i:i] + word[i - 1 : i + 1][::-1])[
         int(rng.integers(3))
@@ -201,7 +201,7 @@ def misspelt(word: str, rng: np.random.Generator) -> str:
 
 
 def filled(schema: Schema, root: Schema, rng: np.random.Generator) -> Any:
-    """Return data that a schema may take; cross-checks of the model aside."""
+    """Return data that a schema allows; the model's cross-checks may still refuse them."""
     schema = resolve(schema, root)
     if "const" in schema:
         return schema["const"]
@@ -231,7 +231,7 @@ def filled(schema: Schema, root: Schema, rng: np.random.Generator) -> Any:
 
 
 def other_value(place: Place, root: Schema, rng: np.random.Generator) -> Any:
-    """Return something to put in a place instead of what stands there; likely wrong, sometimes valid."""
+    """Return another value for a place, mostly a wrong one, sometimes a valid one."""
     schema, value = resolve(place.schema, root), place.value
     wrong: list[Any] = [None, True, "text", 3, 0.5, [], {}, [[]], [1, 2, 3], {"kind": "frobs"}, {"a": 1}]
     draw = rng.random()
@@ -265,7 +265,7 @@ def other_value(place: Place, root: Schema, rng: np.random.Generator) -> Any:
 
 
 def changed(data: Any, path: Where, value: Any) -> Any:
-    """Return a copy of the data with another value at a place."""
+    """Return a copy of the data with another value at a path."""
     if not path:
         return value
     data = copy.deepcopy(data)
@@ -283,14 +283,14 @@ def schema_of(model: type[BaseModel]) -> Schema:
 
 
 def spoil(data: Any, model: type[BaseModel], rng: np.random.Generator) -> tuple[Any, list[Where]]:
-    """Return valid data with one to three changes, and the places changed (an unknown key's is the key's own)."""
+    """Return valid data with one to three changes, and the paths of the changes (of an unknown key, the key's path)."""
     root = schema_of(model)
     touched: list[Where] = []
     for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
         there = [p for p in places(root, data, root) if not any(p.path[: len(t)] == t for t in touched)]
         if len(there) < 2:
             break
-        fields = list(dict.fromkeys(p.path[0] for p in there[1:]))  # each alike: a room is nearly all landmarks
+        fields = list(dict.fromkeys(p.path[0] for p in there[1:]))  # equally likely: most of a room is landmarks
         field = fields[rng.integers(len(fields))]
         inside = [p for p in there[1:] if p.path[0] == field]
         place = inside[rng.integers(len(inside))]
@@ -315,7 +315,7 @@ def spoil(data: Any, model: type[BaseModel], rng: np.random.Generator) -> tuple[
 
 
 def as_yaml(data: Any, rng: np.random.Generator) -> str:
-    """Return YAML of the data; one in five has raw text in a place, or is cut, doubled or joined."""
+    """Return the data as YAML; in one case of five, a line is repeated, cut, shifted or changed, or the rest is cut."""
     text = yaml.dump(data, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper), allow_unicode=True, sort_keys=False)
     if rng.random() < 0.8:
         return text
@@ -340,7 +340,7 @@ def as_yaml(data: Any, rng: np.random.Generator) -> str:
 
 
 def as_settings(touched: list[Where], data: Any) -> list[str]:
-    """Return changes as `key.key=value`, where they can be said that way."""
+    """Return changes as settings `key.key=value`."""
     found = []
     for path in touched:
         # A list is set as a whole.

@@ -1,4 +1,4 @@
-"""A Crazyflie's uSD log written by Python's struct, and the recorded flights that ORTILO_FLIGHT_DATA may hold."""
+"""A Crazyflie's uSD log, written with Python's struct, and the recorded flights that ORTILO_FLIGHT_DATA may hold."""
 
 import os
 import struct
@@ -22,7 +22,7 @@ def usd_log(kinds, events, version=2) -> bytes:
 
 
 def util_folder() -> Path:
-    """Return the folder of the eight flights; skip the test where there is none."""
+    """Return the folder of the eight flights; skip the test if there is none."""
     variable = os.environ.get("ORTILO_FLIGHT_DATA")
     if not variable:
         pytest.skip("ORTILO_FLIGHT_DATA is not set: it names the folder of recorded flights (util_flights)")
@@ -32,7 +32,7 @@ def util_folder() -> Path:
     return folder
 
 
-FLIGHTS = {  # which day's anchors, and by how much the sensors look down below the estimated point [m]
+FLIGHTS = {  # day of the anchors' survey, and height of the downward sensors above the estimated point [m]
     "0425-traj2": ("0425", -0.037),
     "0425-traj4": ("0425", -0.037),
     "0425-traj16": ("0425", -0.037),
@@ -50,7 +50,7 @@ FILTER = """
 
 
 def util_map(name: str, settings: str = FILTER) -> str:
-    """Return the map of one of the eight flights: known start, rest until take-off, one clock, nothing calibrated."""
+    """Return the map of one of the eight flights: known start, rest before take-off, one clock, no calibration."""
     day, below = FLIGHTS[name]
     rows = (line.strip().split(",") for line in (util_folder() / f"anchor_{day}.txt").read_text().splitlines())
     anchors = {row[0][9:]: [float(cell) for cell in row[1:4]] for row in rows if row[0].startswith("anchorAnt")}

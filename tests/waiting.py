@@ -1,4 +1,4 @@
-"""Waiting for what happens in its own time: a busy machine takes as long as it takes."""
+"""Waiting for events without a fixed time: a busy machine may take long."""
 
 import time
 from collections.abc import Callable
@@ -6,11 +6,11 @@ from typing import Final, TypeVar
 
 T = TypeVar("T")
 
-HANGS: Final = 300.0  # [s]: whatever takes longer never comes
+HANGS: Final = 300.0  # time after which an event counts as never happening [s]
 
 
 def wait_for(look: Callable[[], T], what: str) -> T:
-    """Look again and again; return the first that is neither None nor False nor empty."""
+    """Call `look` again and again; return the first result that is neither None nor False nor empty."""
     until = time.monotonic() + HANGS
     while not (found := look()):
         assert time.monotonic() < until, f"{what}: not in {HANGS:g} s"
