@@ -72,7 +72,7 @@ def main() -> None:
             code = _say(str(missing(package, EXTRAS[package])), 2)
     except BaseException as error:
         # A C module raises an ImportError, or another error, if its import is interrupted.
-        if isinstance(error, SystemExit) and error.code == _TERMINATED:  # keep_alive's, which handles it
+        if isinstance(error, SystemExit) and error.code == _TERMINATED:  # from keep_alive, which handles SIGTERM
             interrupted = signal.SIGTERM
         if not interrupted and not isinstance(error, KeyboardInterrupt):
             raise

@@ -68,7 +68,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     the other half with the notebooks: both take long and should not be left for the end.
     """
     shorten_families(items)
-    yield  # the order becomes random
+    yield  # pytest-randomly changes the order here
     first_of, parts = map(int, config.getoption("part").split("/"))
     nightly = [item for item in items if any(map(item.get_closest_marker, NIGHTLY))]
     nightly.sort(key=lambda item: item.nodeid)
@@ -83,7 +83,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = [*clock, *others[:half], *notebooks, *others[half:]]
 
 
-@pytest.hookimpl(tryfirst=True)  # before the fixtures, which draw as well
+@pytest.hookimpl(tryfirst=True)  # before the fixtures, which may draw pictures too
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("egl"):
         from ortilo_drake.model.typed_yaml import InputError
@@ -157,7 +157,7 @@ def own_register(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
     before = set(sys.modules)
 
-    parts.known_sensors()  # loads what is installed
+    parts.known_sensors()  # loads the installed parts
     for name, own in (
         ("_SENSORS", dict(parts._SENSORS)),
         ("_PARTS", dict(parts._PARTS)),

@@ -74,7 +74,7 @@ class Calibration(Frozen):
 
 
 class CameraSetup(SensorSetup):
-    """The landmark camera, as the onboard half knows it."""
+    """The settings of the landmark camera that the onboard half knows."""
 
     link: LinkRate = LinkRate(rate=10.0)
     """rate of the pictures or boxes."""

@@ -62,5 +62,5 @@ def loss_of(share: float, burst: float | None = None) -> Loss:
     if share > burst / (1.0 + burst):
         most = burst / (1.0 + burst)
         raise InputError(f"loss: {share}: must be at most {most} in bursts of {burst} ticks with a gap of one")
-    good_to_bad = min(share / (1.0 - share) / burst, 1.0)  # at most 1 but for rounding
+    good_to_bad = min(share / (1.0 - share) / burst, 1.0)  # at most 1, apart from rounding
     return GilbertElliottLoss(kind="gilbert_elliott", good_to_bad=good_to_bad, bad_to_good=1.0 / burst)

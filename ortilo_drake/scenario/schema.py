@@ -116,7 +116,7 @@ def scenario_keys(prefix: str = "") -> list[Key]:
 def _keys(schema: dict[str, Any], group: dict[str, Any], above: str, defaults: Any, kind: str = "") -> Iterator[Key]:
     for name, field in group["properties"].items():
         if name == "kind" and kind:
-            continue  # the union has it
+            continue  # the key of the union lists all kinds
         key, meaning = f"{above}{name}", field.get("description", "")
         default = defaults[name] if isinstance(defaults, dict) and name in defaults else field.get("default")
         shown = default if isinstance(default, str) else json.dumps(default)

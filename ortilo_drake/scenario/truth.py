@@ -27,7 +27,7 @@ class Each(NamedTuple):
 
 
 class VehicleTruth(Frozen):
-    """The body and its rotors."""
+    """Differences of body and rotors."""
 
     mass_factor: Factor = 1.0
     """true over believed mass [1]; 1.03 is 3 % heavier than believed."""

@@ -201,7 +201,7 @@ def _own_of(path: Path) -> list[str]:
 
 
 def _beside(path: Path, base: str) -> Path:
-    return path.parent / resolve(base, "base")  # a ready-made one is absolute
+    return path.parent / resolve(base, "base")  # a ready-made scenario's path is absolute
 
 
 def _at(data: Any, key: str) -> Any:

@@ -11,7 +11,7 @@ from ortilo_drake.views.palette import BLUE, ORANGE
 WIDE, HIGH, GAP, ROW, LANE, MARGIN = 96, 46, 88, 78, 26, 34  # width and height of a block, distances [px]
 SLIDE = 1920  # width of the picture in its own file [px]
 LABEL = 11  # largest number of characters in a line beside an arrow between neighbours
-STACKED = ("sensor", "fix")  # columns with a row for each sensor; all others have one block
+STACKED = ("sensor", "fix")  # columns with a row for each sensor; all other columns have one block
 STYLE = """
 .blocks .node rect { fill: #fff; stroke: #1f2733; stroke-width: 1.4 }
 .blocks .edge path { fill: none; stroke: #1f2733; stroke-width: 1.2 }
@@ -186,7 +186,7 @@ def detours(
             x = source.right + (12 if above or len({n.above for n in nets if n.source == net.source}) < 2 else 22)
             x += 8 * sum(
                 placed[other.source].column == source.column for other in side[i + 1 :]
-            )  # one column, two nets
+            )  # two nets that start in the same column are drawn apart
             start = f"M{x} {y} V{lane}" if leaves else f"M{source.right} {y} H{x} V{lane}"
             ends = [_end(net, target, placed, side) for target in net.targets]
             far = (max if above else min)(x_end for x_end, _ in ends)

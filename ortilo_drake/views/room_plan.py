@@ -45,7 +45,7 @@ def plan_figure(room: Room, height: float = 1.25) -> tuple[Figure, Axes]:
     low, high = np.array(room.interior.min[:2]) - 2.0 * _FRAME, np.array(room.interior.max[:2]) + 2.0 * _FRAME
     if for_slides():
         figure.set_size_inches(*SLIDE_SIZE)
-        figure.set_dpi(SLIDE_DPI)  # labels are placed by pixels
+        figure.set_dpi(SLIDE_DPI)  # the places of labels depend on the pixels
         size, place = _on_slide(inner)
         axes.set_position(place)
         walls, high = high, low + size / min(size / (high - low))

@@ -72,7 +72,7 @@ def balanced(text: str, most: int) -> str:
 
 
 def apply_theme(figure: "Figure") -> dict[str, Any]:
-    """Give a figure the chosen look and title; return the keyword arguments for savefig."""
+    """Give a figure the chosen theme and title; return the keyword arguments for savefig."""
     theme = _chosen.get()
     if title := _title.get():
         width = (SLIDE_SIZE if for_slides() else figure.get_size_inches())[0]

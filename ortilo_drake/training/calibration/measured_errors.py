@@ -103,8 +103,8 @@ def normal_scores(values: np.ndarray) -> np.ndarray:
     return ndtri((np.argsort(np.argsort(values)) + 0.5) / len(values))
 
 
-SIZES = np.array([5.0, 10.0, 20.0, 40.0, 80.0, 160.0])  # [px]
-NORMALS = np.array([-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0])
+SIZES = np.array([5.0, 10.0, 20.0, 40.0, 80.0, 160.0])  # knots of the tables over a box's side [px]
+NORMALS = np.array([-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0])  # knots of the quantiles [standard deviations]
 
 
 def box_errors(s: Sightings, size: tuple[int, int]) -> tuple[dict[str, Any], np.ndarray]:
@@ -183,7 +183,7 @@ def cut_errors(s: Sightings, truth: np.ndarray, usual: np.ndarray) -> tuple[np.n
     return growth, np.clip(BORDER / reach, 0.0, 1.5)
 
 
-DISTANCES = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 17.0])  # [m]
+DISTANCES = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 17.0])  # knots of rates [m]
 
 
 def detection_rates(s: Sightings, classes: tuple[str, ...]) -> tuple[dict[str, Any], np.ndarray]:

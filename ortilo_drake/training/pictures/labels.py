@@ -14,7 +14,7 @@ LEAST_CLEAR = (0.6, 8.0)  # limits of objects in clearer view, which are judged 
 
 @dataclass(frozen=True)
 class Frames:
-    """Pictures and labels."""
+    """Labelled pictures."""
 
     images: np.ndarray
     """RGB pictures (n, height, width, 3), uint8."""
