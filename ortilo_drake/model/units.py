@@ -8,7 +8,7 @@ from ortilo_drake.model.signals import CONTROL_NAMES, INTEGRAL_NAMES, STATE_NAME
 _OF_STATES = ("m",) * 3 + ("rad",) * 3 + ("m/s",) * 3 + ("rad/s",) * 3
 _UNITS: Final = {
     **dict(zip(STATE_NAMES, _OF_STATES, strict=True)),
-    **dict.fromkeys(INTEGRAL_NAMES, "m"),  # a sum over ticks
+    **dict.fromkeys(INTEGRAL_NAMES, "m"),  # a sum over ticks, without the tick's length
     **dict(zip(CONTROL_NAMES, ("N", "N m", "N m", "N m"), strict=True)),
     **{f"r_{axis}{dots}": unit for dots, unit in (("", "m"), ("_dot", "m/s"), ("_ddot", "m/s^2")) for axis in "xyz"},
 }

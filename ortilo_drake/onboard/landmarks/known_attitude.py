@@ -6,7 +6,7 @@ covariance R_i of the pixels' errors,
 
     q <- q + N^-1 sum_i J_i^T R_i^-1 (z_i - h_i(q)),   N = sum_i J_i^T R_i^-1 J_i,   J_i = d h_i / d q,
 
-from the filter's pose. The error of what is held is common to all boxes and goes straight into the solution:
+from the filter's pose. The error of the held part is common to all boxes and enters the solution directly:
 
     cov(q) = N^-1 + G P_a G^T,   G = N^-1 sum_i J_i^T R_i^-1 A_i,   A_i = d h_i / d a.
 

@@ -48,7 +48,7 @@ class FreeSpace:
         return np.hypot(*(p - np.clip(p, self.low, self.high)).T) - self.radius
 
     def room_on_grid(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Return the least room [m] at each point (x_i, y_j) of a grid (n_x, n_y)."""
+        """Return the room [m] at each point (x_i, y_j) of a grid (n_x, n_y)."""
         least = np.full((x.size, y.size), np.inf)
         for low, high, radius in zip(self.low, self.high, self.radius, strict=True):
             dx, dy = x - np.clip(x, low[0], high[0]), y - np.clip(y, low[1], high[1])

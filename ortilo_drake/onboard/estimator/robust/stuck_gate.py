@@ -45,7 +45,7 @@ def repeats(said: np.ndarray, last: np.ndarray) -> float:
 
 
 def stuck_gate_out(n: Any, message: np.ndarray, last: np.ndarray, said: np.ndarray, out: np.ndarray) -> None:
-    """Output the message, or zeros where the sensor is stuck."""
+    """Output the message, or zeros if the sensor is stuck."""
     fill(out, 0.0)
     if message[ARRIVED] != 0.0:
         put_said(message, n.samples, said)

@@ -60,15 +60,15 @@ class Weighing(NamedTuple):
     sees: np.ndarray
     """whether each sensor depends on each state of the vehicle (s, 12)."""
     huber: float
-    """c; inf for Student's t."""
+    """constant c of Huber's weight; inf for Student's t."""
     dof: float
-    """nu; inf for Huber."""
+    """degrees of freedom nu of Student's t; inf for Huber's weight."""
     time: float
     """time constant of the average a [s]; inf keeps lambda at 1."""
     tolerates: float
-    """a_0."""
+    """tolerated average a_0."""
     most: float
-    """lambda_max."""
+    """largest noise scale lambda_max."""
     reacquire_after: float
     """time for which a sensor is refused before P opens [s]."""
     watched: int

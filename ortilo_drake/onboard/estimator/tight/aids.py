@@ -12,7 +12,7 @@ class Aids(NamedTuple):
     """The filter's model of the sensors beside the imu, in arrays for compiled functions."""
 
     anchors: np.ndarray
-    """a_i in W (n, 3) [m]."""
+    """positions a_i of the anchors in W (n, 3) [m]."""
     lever: np.ndarray
     """position of the uwb antenna in B (3) [m]."""
     range_noise: np.ndarray

@@ -40,7 +40,7 @@ CLOCK_SD = 100.0  # sd of an unknown clock offset [m]
 
 @register_jitable
 def predicted_range(p_WB: np.ndarray, R_WB: np.ndarray, lever: np.ndarray, anchor: np.ndarray) -> float:
-    """Return |p_WB + R_WB l_B - a| [m]."""
+    """Return the predicted range |p_WB + R_WB l_B - a| [m]."""
     total = 0.0
     for i in range(3):
         d = p_WB[i] + R_WB[i, 0] * lever[0] + R_WB[i, 1] * lever[1] + R_WB[i, 2] * lever[2] - anchor[i]
