@@ -26,7 +26,7 @@ class Judged:
     mse: tuple[float, float, float]
     """mean squared error of the position per axis [m^2]."""
     nees: float | None
-    """mean of e^T P_pp^-1 e, 3 if P is right; None of a floor, which has no errors."""
+    """mean of e^T P_pp^-1 e, 3 if P is right; None for the floor, which has no errors."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class FlightInHindsight:
     """The errors of all ways of estimating one flight."""
 
     seed: int
-    """of all noise."""
+    """seed of all noise."""
     lost: float | None
-    """when it was lost [s]; None if it was not. Its errors are those up to then."""
+    """time at which the flight was lost [s], up to which errors count; None if it was not lost."""
     ways: dict[str, Judged]
-    """what each way of estimating made of it: FLOWN, RTS, GRAPH, FLOOR, as far as there are any."""
+    """errors of each way of estimating that applies: FLOWN, RTS, GRAPH, FLOOR."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class HindsightRow:
     rms: tuple[float, float, float]
     """root mean square of the flights' errors per axis [m]."""
     rms_distance: float
-    """of the distance between estimated and true position [m]."""
+    """root mean square of the distance between estimated and true position [m]."""
     nees: float | None
-    """mean over the flights."""
+    """mean NEES over the flights."""
 
 
 @dataclass(frozen=True)
@@ -60,17 +60,17 @@ class Hindsight:
     """The study that `ortilo hindsight --json` writes."""
 
     scenario: str
-    """its name."""
+    """name of the scenario."""
     estimator: str
     """the kind of filter that flew."""
     lost: int
-    """flights that were lost."""
+    """number of lost flights."""
     rows: list[HindsightRow]
-    """by way."""
+    """one row for each way of estimating."""
     missing: list[str]
-    """why a row is not there, a line each."""
+    """lines that say why rows are missing."""
     flights: list[FlightInHindsight]
-    """each of them."""
+    """results of each flight."""
 
 
 def judged(x: np.ndarray, P: np.ndarray, truth: np.ndarray) -> Judged:

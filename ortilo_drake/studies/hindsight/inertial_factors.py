@@ -28,9 +28,9 @@ class Sample(NamedTuple):
     """A sample of the imu."""
 
     stamp: float
-    """when its step ended [s]."""
+    """end of the sample's step [s]."""
     rpy: np.ndarray
-    """roll, pitch, yaw as the imu has them (3) [rad]."""
+    """the imu's roll, pitch and yaw (3) [rad]."""
     w: np.ndarray
     """body rates, the mean of this sample and the one before (3) [rad/s]."""
     f: np.ndarray
@@ -41,11 +41,11 @@ class InertialTick(NamedTuple):
     """The imu's samples of the step that ends at a tick."""
 
     motion: gtsam.PreintegratedImuMeasurements
-    """preintegrated."""
+    """the preintegrated samples."""
     rpy: np.ndarray | None
-    """its angles, each brought to the tick by the body rates, their mean (3) [rad]; None where there are none."""
+    """mean of the samples' angles, each carried to the tick by the body rates (3) [rad]; None without samples."""
     samples: int
-    """how many they are of."""
+    """number of samples in this mean."""
     w: np.ndarray
     """body rates (3) [rad/s]."""
 

@@ -24,12 +24,12 @@ class RecordedFlight:
     """A flight and its messages, up to where truth or estimate are no longer finite."""
 
     scenario: Scenario
-    """what was flown, its seed included."""
+    """the scenario that was flown, including its seed."""
     flight: xr.Dataset
-    """the Dataset of flight.fly (n ticks)."""
+    """a Dataset like flight.fly's (n ticks)."""
     messages: tuple[Signals, ...]
-    """what the onboard half took in each tick, by port (n). Pictures are not kept, but the boxes that the scenario's
-    detector finds in them are."""
+    """messages that the onboard half took in at each tick, by port (n). Pictures are not kept, only the boxes that the
+    scenario's detector finds in them."""
 
 
 class BoxFinder:

@@ -42,7 +42,7 @@ class Tick(NamedTuple):
     delta: np.ndarray
     """arrivals (s)."""
     V2: np.ndarray
-    """the sensors' covariances, each row by row (q)."""
+    """the sensors' covariances, each flattened row by row (q)."""
     u: np.ndarray
     """control less hover (4)."""
 

@@ -3,7 +3,7 @@
 If one interval misses with the chance a and another with the chance b, both hold with probability 1 - (a + b) at least,
 whether or not they are independent (Bonferroni). The repetitions have a 96 % interval, the count has a 99 % interval,
 and the answer is the intersection. The repetitions get most of the 5 %, because a count seldom narrows the interval of
-ten repetitions, and narrows that of three very much.
+ten repetitions, but narrows the interval of three repetitions very much.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ FEWEST = 2  # fewest estimates above 0 for an interval
 
 @dataclass(frozen=True)
 class Counted:
-    """A plain count over flights with independent noise: the number of flights, and of those with the event.
+    """A plain count over flights with independent noise: the number of flights, and the number with the event.
 
     low, high: the ends of Wilson's 95 % interval of the share [1].
     """

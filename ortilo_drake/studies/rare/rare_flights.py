@@ -74,31 +74,31 @@ class Rare:
     """The probability of a rare event in a flight, and the evidence for it."""
 
     event: Event
-    """what happens."""
+    """the event."""
     probability: float | None
-    """how likely the event is in a flight [1]; None if it is known only by the count of `independent`."""
+    """probability of the event in a flight [1]; None if only the count of `independent` gives it."""
     low: float
-    """lower end of its 95 % interval [1]."""
+    """lower end of the probability's 95 % interval [1]."""
     high: float
-    """its upper end [1]."""
+    """upper end of this interval [1]."""
     joined: Joined | None
-    """what the repetitions and the count say, each by itself; None where only a count gives the probability."""
+    """separate results of the repetitions and of the count; None if only a count gives the probability."""
     least: float
-    """the smallest probability that was sought [1]."""
+    """smallest probability that was sought [1]."""
     plan: Plan
-    """levels [m] and steps, as the first climb chose them."""
+    """levels [m] and steps chosen by the first climb."""
     repetitions: list[Climb]
-    """what each of those after it found; empty if the first climb never came to the event."""
+    """results of the later climbs; empty if the first climb never reached the event."""
     flights: int
-    """how many flew in all of them, the first climb's among them."""
+    """number of flights in all climbs, including the first."""
     paths: int
-    """flights of each level."""
+    """number of flights of each level."""
     drawn: dict[str, int]
-    """how many normal numbers decide what is drawn at the start, by the name of each draw."""
+    """count of the normal numbers that decide each draw at the start, by the draw's name."""
     independent: Counted
-    """plain counting of all flights that belong to no chain: the first of each climb, and `counted`."""
+    """plain count over all flights that belong to no chain: the first flights of each climb, and `counted`."""
     counted: Counted | None
-    """plain counting beside it, if asked for."""
+    """plain count over additional flights, None if none was asked for."""
 
 
 class _Job(NamedTuple):

@@ -12,7 +12,7 @@ from numba.extending import register_jitable
 from ortilo_drake.studies.recorded.reflected import share_after, weigh_range
 
 ASTRAY = 3.0  # standard deviation of a position that ranges can no longer correct [m]
-REFUSED, SHARE = 1.0, 1.0 / 3.0  # a filter is lost if two anchors, and this share, are refused for so long [s]
+REFUSED, SHARE = 1.0, 1.0 / 3.0  # a filter is lost if two anchors, and this share, are refused for this time [s]
 RECENT = 5.0  # an anchor counts as heard if its last range is at most this old [s]
 PATIENCE = 3.0  # times REFUSED: how long the filter is believed if all refused ranges are too long
 SETTLES = 0.5  # time constant of the mean of a refused anchor's innovations [s]

@@ -2,7 +2,7 @@
 
 Over each interval the truth's turn, as a rotation vector, is M times the integral of the body rates; M turns the IMU's
 body axes to the truth's. The offset is the one whose best M (Kabsch) leaves the smallest residual. Intervals overlap.
-They are so long that the truth's turns exceed its noise, which the third differences of its attitude tell.
+They are long enough for the truth's turns to exceed its noise, which the third differences of its attitude tell.
 """
 
 from collections.abc import Callable, Sequence

@@ -21,7 +21,7 @@ EDGE = 0.3  # an offset so near to the end of its search is doubtful [s]
 REFUSED = 0.2  # a larger share of refused ranges is doubtful
 WORSE, NIS = 1.5, 1.6  # larger errors than so many times those without imu, or a larger mean NIS: the imu is misread
 # Without a truth: an imu read wrongly predicts the ranges at least 12 % worse than no imu, one read rightly 1 % worse.
-PREDICTS, AGREES, OUT = 1.05, 1.2, 0.01  # innovations against those without imu; mean NIS and refused share of that
+PREDICTS, AGREES, OUT = 1.05, 1.2, 0.01  # ratio of innovations with and without imu; NIS and refused share without
 CLAIMED = 6.0  # mean NEES of errors 1.4 times as large as the filter claims
 TUNE = "`ortilo tune FOLDER --map MAP.yaml --out TUNED.yaml`"
 OFF_PLANE = 0.3  # anchors nearer to one plane than this (RMS) leave a mirror image [m]

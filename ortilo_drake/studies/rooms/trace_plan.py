@@ -152,18 +152,18 @@ class Traced(NamedTuple):
     """Walls of a floor plan, from the lower left corner of the space within the outer ones; x right, y up."""
 
     walls: np.ndarray
-    """x, y of the middle, length along x and along y [m] (n, 4)."""
+    """x, y of each wall's middle, length along x and along y [m] (n, 4)."""
     size: np.ndarray
-    """of the space within, along x and y [m] (2)."""
+    """size of the space within the outer walls, along x and y [m] (2)."""
     covered: float
-    """share of the thick dark pixels that are in a wall [1]."""
+    """share of the thick enough dark pixels that lie in a traced wall [1]."""
     start: np.ndarray
-    """the roomiest place in its left part [m] (2)."""
+    """the roomiest place in the space's left part [m] (2)."""
     goal: np.ndarray
-    """the roomiest place in its right part that a free way leads to from there; the farthest of the roomier places if
-    none leads to the right part, and start itself if nothing is free [m] (2)."""
+    """the roomiest place in the space's right part to which a free way leads from start. If no way leads there, it is
+    the farthest of the roomier places; if nothing is free, it is start itself [m] (2)."""
     corner: np.ndarray
-    """of the space within, in the plan's frame [m] (2)."""
+    """lower left corner of the space within the outer walls, in the plan's frame [m] (2)."""
 
 
 def _rectangles(dark: np.ndarray) -> list[tuple[int, int, int, int]]:

@@ -113,15 +113,15 @@ class Tube(NamedTuple):
     time: np.ndarray
     r: np.ndarray
     mean: np.ndarray
-    """expected deviation of the true position from r_k [m] (n, 3)."""
+    """mean deviation of the true position from r_k [m] (n, 3)."""
     covariance: np.ndarray
-    """of that deviation [m^2] (n, 3, 3)."""
+    """covariance of this deviation [m^2] (n, 3, 3)."""
     X: np.ndarray
     """expected covariance of the filter's position error [m^2] (n, 3, 3)."""
     radius: np.ndarray
-    """of the horizontal disc about r_k that the vehicle is outside of with 0.27 %, as of 3 sigma [m] (n)."""
+    """radius of the horizontal disc about r_k that the vehicle leaves with probability 0.27 % (3 sigma) [m] (n)."""
     height: np.ndarray
-    """|mean| and 3 sigma of the vertical deviation [m] (n)."""
+    """|mean| plus 3 sigma of the vertical deviation [m] (n)."""
 
 
 def tube_height(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:

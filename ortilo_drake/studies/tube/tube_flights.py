@@ -67,28 +67,28 @@ class PointResult:
     """A point of a map: the theory's prediction, and the flights' result. Lengths in m."""
 
     at: Point
-    """arrival rates of the two sensors, or of both and the mean burst [s]."""
+    """arrival rates of the two sensors, or their common arrival rate and mean burst [s]."""
     radius_mean: float
-    """of the tube over the path; radius_max is its greatest."""
+    """mean radius of the tube over the path; radius_max is the greatest."""
     radius_max: float
     margin: float
-    """least of corridor less tube."""
+    """least distance by which the tube stays inside the corridor."""
     flights: int
     contained: float
-    """share of ticks within the tube, with its 95 % interval, contained_low to contained_high."""
+    """share of ticks within the tube; contained_low to contained_high is its 95 % interval."""
     contained_low: float
     contained_high: float
     contained_worst: float
-    """the share in the worst of STRETCHES parts of the path."""
+    """share of ticks within the tube in the worst of STRETCHES parts of the path."""
     expected: float
-    """the share that the linear theory expects, given the seeds' arrivals."""
+    """share of ticks within the tube that the linear theory expects, given the seeds' arrivals."""
     contained_mixture: float
-    """share of ticks within the radius that the mixture leaves with 0.27 %."""
+    """share of ticks within the radius that the mixture leaves with probability 0.27 %."""
     radius_mixture: float
-    """mean of that radius over the path."""
+    """mean of this radius over the path."""
     lost: int
     holds: bool
-    """see the head of this file; a breakdown says why not."""
+    """whether the prediction holds, see the head of this file; `breakdown` says why not."""
     breakdown: str
 
 
