@@ -27,7 +27,7 @@ def weighted(sds: np.ndarray, huber: float) -> gtsam.noiseModel.Base:
 
 
 def rpy_of(R: np.ndarray) -> np.ndarray:
-    """Return roll, pitch and yaw of R_z(psi) R_y(theta) R_x(phi) (3)."""
+    """Return roll, pitch and yaw (phi, theta, psi) [rad] of R = R_z(psi) R_y(theta) R_x(phi)."""
     sine = min(1.0, max(-1.0, -R[2, 0]))
     return np.array([np.arctan2(R[2, 1], R[2, 2]), np.arcsin(sine), np.arctan2(R[1, 0], R[0, 0])])
 
@@ -79,7 +79,7 @@ def ranges_factor(
 
 
 class Moving(NamedTuple):
-    """The variables by which a box's prediction changes with the camera's clock."""
+    """The variables through which the error of the camera's clock changes a box's prediction."""
 
     velocity: int
     """key of v_WB."""

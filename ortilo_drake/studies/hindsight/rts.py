@@ -48,7 +48,7 @@ class Tick(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """Estimates of a flight."""
+    """The estimates of a flight of n ticks."""
 
     x: np.ndarray
     """[x; e] (n, N)."""
@@ -57,7 +57,7 @@ class Smoothed(NamedTuple):
 
 
 class Forward(NamedTuple):
-    """A filter's run."""
+    """The forward pass of a filter over n ticks."""
 
     prior: Smoothed
     """xhat_{k|k-1} and P_k."""

@@ -75,7 +75,7 @@ def _one_in(probability: float) -> str:
 
 
 def two_digits(number: float) -> str:
-    """Return a number in two digits, with an exponent where it is long."""
+    """Return a number in two digits, with an exponent if it is long."""
     rounded = float(f"{number:.2g}")
     return f"{rounded:,.0f}" if 10.0 <= rounded < _MILLIARD else f"{rounded:.2g}"
 

@@ -28,7 +28,7 @@ class Landing(NamedTuple):
 
 
 def landings(imu: Imu) -> list[Landing]:
-    """Return the landings in order; the vehicle flew before each."""
+    """Return the landings in order of time; the vehicle flew before each landing."""
     t, up = imu.t, imu.force[:, 2]
     step = float(np.median(np.diff(t)))
     n, before, sudden = max(3, round(WINDOW / step)), round(BEFORE / step), max(1, round(SUDDEN / step))

@@ -141,7 +141,7 @@ def run_on(
 
 
 def joined(runs: list[Run]) -> Innovations:
-    """Return the innovations of all runs, in order."""
+    """Return the innovations of all runs, in one record and in order."""
     return Innovations(*(np.concatenate(part) for part in zip(*(run[2:5] for run in runs), strict=True)))
 
 

@@ -55,7 +55,7 @@ def as_read(recording: Recording, map_: Map) -> Reading:
 
 
 def readings(now: Reading, map_: Map) -> Iterator[Reading]:
-    """Yield other readings, the simplest first."""
+    """Yield other readings than the map's, the simplest first."""
     yield from _lengths(now, map_)
     if map_.differences is not None:
         turned = now.ranges._replace(r=np.where(now.ranges.other >= 0, -now.ranges.r, now.ranges.r))

@@ -1,4 +1,4 @@
-"""One recorded motion replayed: with its losses and without, calibrated and not, filtered and smoothed."""
+"""The replay of one recorded motion: with and without imposed losses, calibrated and not, filtered and smoothed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -246,7 +246,7 @@ def _calibrated(by: Calibration, recording: Recording) -> dict[str, Any]:
 
 
 def lose_some(ranges: Ranges, share: float, seed: int) -> Ranges:
-    """Return the ranges without a share of them, each lost independently."""
+    """Return the ranges after random losses: each range is lost independently with probability `share`."""
     kept = np.random.Generator(np.random.Philox(seed)).random(len(ranges.t)) >= share
     return ranges.only(kept)
 

@@ -23,7 +23,7 @@ class TruthPath(NamedTuple):
     last: float
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return positions (m, 3) and attitudes (m, 3, 3)."""
+        """Return positions (m, 3) and attitudes (m, 3, 3) at times t (m) by the truth's clock [s]."""
         t = np.clip(t, self.first, self.last)
         return self.p(t), None if self.R is None else self.R(t).as_matrix()
 

@@ -124,6 +124,6 @@ def worst_stretch(found: dict[str, np.ndarray], tells: dict[str, np.ndarray]) ->
 
 
 def first_lost(floor: np.ndarray, free: np.ndarray) -> int | None:
-    """Return the first tick at which SIGMAS of the floor do not fit into the free room; None if there is none."""
+    """Return the first tick at which SIGMAS times the floor exceed the free distance; None if there is none."""
     lost = np.flatnonzero(SIGMAS * floor > free)
     return int(lost[0]) if len(lost) else None

@@ -125,7 +125,7 @@ class Tube(NamedTuple):
 
 
 def tube_height(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return |mean| and 3 sigma (...) of the vertical deviation, from means (..., 3) and covariances (..., 3, 3)."""
+    """Return |mean| + 3 sigma (...) of the vertical deviation [m], from means (..., 3) and covariances (..., 3, 3)."""
     return np.asarray(np.abs(mean[..., 2]) + 3.0 * np.sqrt(covariance[..., 2, 2]))
 
 

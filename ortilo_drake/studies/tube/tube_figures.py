@@ -47,7 +47,7 @@ def draw_tube(axes: Axes, tube: Tube, about: Corridor) -> None:
 
 
 def draw_deviations(axes: Axes, tube: Tube, about: Corridor, flights: Sequence[Flown]) -> None:
-    """Draw the horizontal deviation of flights from the plan over time [s, m], in the tube and below the corridor."""
+    """Draw the horizontal deviation of flights from the plan [m] over time [s], with tube and corridor."""
     axes.fill_between(tube.time, 0, tube.radius, color=INSIDE, lw=0, label="tube")
     axes.plot(tube.time, about.radius, "k", lw=1.2, label="corridor")
     for k, flight in enumerate(flights):
@@ -83,7 +83,7 @@ _NONE = 3e-3  # where a rate of 0 is drawn on a logarithmic axis
 
 
 class ChanceGrid(NamedTuple):
-    """The result of tube_map.chance_map, with its two axes."""
+    """The result of tube_map.chance_map (len(a), len(b)), with its two axes a and b."""
 
     a: np.ndarray
     b: np.ndarray

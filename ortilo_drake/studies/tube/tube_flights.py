@@ -178,7 +178,7 @@ def within(flight: Flown, radius: np.ndarray) -> np.ndarray:
 
 
 def worst_stretch(inside: Sequence[np.ndarray], ticks: int) -> float:
-    """Return the least share of ticks inside over STRETCHES equal parts of the path, all flights together."""
+    """Return the share of ticks inside in the worst of STRETCHES equal parts of the path, all flights together."""
     edges = np.linspace(0, ticks, STRETCHES + 1).astype(int)
     parts = [np.concatenate([ok[a:b] for ok in inside]) for a, b in pairwise(edges)]
     return min(float(part.mean()) for part in parts if part.size)
