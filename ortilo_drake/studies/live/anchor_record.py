@@ -18,7 +18,7 @@ class AnchorFigures:
 
     Attributes:
         ranges: number of ranges received.
-        rejected: share of these that the gate rejected.
+        rejected: share of these that were not taken.
         nis: mean e²/S of the ranges taken.
         mean: mean innovation of the ranges taken [m].
         mean_sd: standard deviation that this mean should have [m].

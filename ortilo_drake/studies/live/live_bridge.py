@@ -59,7 +59,7 @@ class LiveReport:
     Attributes:
         messages: number of messages by topic.
         ranges: number of ranges that the filter saw.
-        taken: number of ranges that passed the filter's gate.
+        taken: number of ranges that the filter took.
         nis: mean e²/S of the ranges taken, 1 if the noise is right; None before the first.
         anchors: figures by anchor.
         estimates: number of estimates made.

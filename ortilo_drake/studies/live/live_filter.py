@@ -63,7 +63,7 @@ class LiveFilter:
 
     Attributes:
         ranges: number of ranges that the filter has seen.
-        taken: number of ranges that passed the gate.
+        taken: number of ranges taken: neither rejected by the gate nor of a refused anchor.
         lost: how often the filter was lost and started anew.
         begins_at: stamp of the filter's first range [s].
         why_not_begun: what the filter waits for.

@@ -99,7 +99,7 @@ class Fitted(NamedTuple):
 
     @property
     def verdict(self) -> Verdict:
-        """Return the verdict by the rest; "better" needs a gain on the fitted part too, and any needs an undoubted map.
+        """Return the rest's verdict, but "the same" for one gained by chance, and "mend first" if the map is doubted.
 
         Noise that is fitted to a mistake in the map hides the mistake: NIS is then 1.
         """

@@ -4,7 +4,7 @@ Over a short span the body rates give the attitude R_0 Q(t), except for its star
 is acceleration plus gravity's reaction, R_0 Q(t) f(t) = a(t) + g. Both sides are averaged by the same triangle; for the
 truth this is a second difference over the triangle's half width. The best R_0 and factor of f are fitted to each span
 (Kabsch), so neither the unit's mounting nor a force 6 % wrong counts. The misfit is the RMS residual of a span, and the
-median over all spans. Each exchange of axes and signs of the rates is tried, and of the force each that mirrors.
+median over all spans. Each exchange of axes and signs is tried for the rates, each mirroring one for the force.
 """
 
 from itertools import permutations, product

@@ -64,7 +64,7 @@ def draw_deviations(axes: Axes, tube: Tube, about: Corridor, flights: Sequence[F
 def fill_margins(axes: Axes, margins: MarginMap) -> QuadContourSet:
     """Fill the margins [m] over (a, b), draw the curve where they are 0, and return the filled set for a colour bar.
 
-    The dotted curve is 0 for the margins up to the last measurement of the second sensor.
+    A dotted curve shows where the margins up to the second sensor's last measurement are 0.
     """
     norm = TwoSlopeNorm(0.0, LEVELS[0], LEVELS[-1])
     # Purple to orange through white: colour-blind readers can tell them apart.

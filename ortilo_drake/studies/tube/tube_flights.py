@@ -1,4 +1,4 @@
-"""Flights of the nonlinear diagram against the predicted tube.
+"""Nonlinear flights against the predicted tube.
 
 A point of a map is a pair of arrival rates of two sensors, such as uwb and camera, or an arrival rate and a mean burst
 of both links. The same seeds are flown at each point. Two numbers are compared, over all flights of a point and all
