@@ -52,7 +52,7 @@ from ortilo_drake.studies.hindsight.solver import eliminated, minimum
 class FlightGraph:
     """The factor graph of a flight, and the first values of its variables.
 
-    These are the estimates `about` (n, 12 or more), which also serve to associate boxes with landmarks.
+    The first values are the estimates `about` (n, 12 or more), which also serve to associate boxes with landmarks.
     """
 
     def __init__(self, recorded: RecordedFlight, about: Smoothed):
@@ -79,7 +79,7 @@ class FlightGraph:
         return Process(self.graph, self.values, self._keys, np.broadcast_to(sd, size).astype(float), rate, time)
 
     def _add_start(self) -> None:
-        """Add the variables of all ticks, and the priors of the first tick's."""
+        """Add the variables of all ticks, and the priors of the first tick's variables."""
         for k in range(self._n):
             x = self._about.x[k]
             pose = gtsam.Pose3(gtsam.Rot3(matrix_of(quaternion_of(x[3:6]))), x[0:3])
@@ -160,7 +160,7 @@ class FlightGraph:
     def _add_differences(
         self, k: int, message: np.ndarray, anchors: np.ndarray, errors: list[tuple[int, ...]], clock: int | None
     ) -> None:
-        """Add the differences of a message stamped at tick k; errors, clock: keys of each anchor's and the clock's."""
+        """Add the differences of a message stamped at tick k; errors, clock: keys of anchor errors and the clock."""
         ranges, about = self._settings.ranges, self._about.x[k, :3]
         sds = ranges.noise.sds[0] + ranges.noise.sds[1] * np.linalg.norm(anchors - about, axis=1)
         for row in message[PAYLOAD:].reshape(-1, ROW):

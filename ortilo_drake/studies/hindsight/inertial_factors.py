@@ -1,6 +1,6 @@
 """The imu in the graph: its samples of each tick preintegrated by GTSAM, and its angles.
 
-A sample stamped s is the mean over (s', s], with s' the stamp before. GTSAM turns the specific force by the attitude at
+A sample stamped s covers the step (s', s], with s' the stamp before. GTSAM turns the specific force by the attitude at
 the step's beginning. The tight filter (onboard/estimator/tight/inertial.py) uses the attitude half way, to which the
 sample belongs. So each specific force is first turned by half its step, f' = exp([w dt / 2]x) f.
 

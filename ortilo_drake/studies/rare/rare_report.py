@@ -164,7 +164,7 @@ def _carried(found: Rare, joined: Joined) -> str:
 
 
 def _by_counting(found: Rare) -> list[str]:
-    """Return the text for a study whose answer is a count, as fewer than two repetitions can be used."""
+    """Return the text for a study whose answer is a count alone."""
     flown, came = found.independent, sum(one.probability > 0.0 for one in found.repetitions)
     if found.joined:
         why = f"The repetitions' mean, {found.joined.mean:.2g}, is not used: the count contradicts it."

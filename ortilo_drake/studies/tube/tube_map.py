@@ -170,7 +170,7 @@ def without_blackouts(scenario: Scenario) -> Scenario:
 
 
 def with_rates(scenario: Scenario, first: float, second: float) -> Scenario:
-    """Return the scenario with these shares of its map_sensors' messages arriving, independently of each other.
+    """Return the scenario in which these shares of its map_sensors' messages arrive, independently of each other.
 
     The shares are of the messages sent: with a message on every third tick, a third of the share is the rate per tick
     of expected_riccati.py. InputError if a rate is not in [0, 1].
