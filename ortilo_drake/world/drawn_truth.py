@@ -27,8 +27,7 @@ def draw_truth(truth: Truth, seed: int | AtStart, room: Room, payloads: Mapping[
     landmark or payload number has a row for each. A clock's entries are drawn for each sensor: 'clock.offset.uwb'.
 
     `seed` is the seed of all noise, or the function that gives the normal numbers; `payloads` maps each sensor that
-    flies to the size of its payload. InputError if a registered sensor's entries are not as many as its payload has
-    numbers.
+    flies to the size of its payload. InputError if a registered sensor's entries do not fit its payload.
     """
     draw = seed if callable(seed) else of_seed(seed)
     drawn = {}

@@ -29,8 +29,7 @@ def persistent_normals(
 
     The function is inlined where it is called, so that unused numbers are not drawn. `seed` is that of the tick's
     noise; of_nodes (2) are the seeds of the nodes before and after, the same unless each tick of the flight has its own
-    seed. `white` is the stream of the part that is new in every tick, `nodes` that of the nodes, which are `spacing`
-    ticks apart.
+    seed. `white` is the stream of what is new in every tick, `nodes` that of the nodes, `spacing` ticks apart.
     """
     z = four_normals(seed, white, tick)
     if share <= 0.0:

@@ -36,8 +36,7 @@ class CommandCase:
     predicted_rms is the predicted rms distance from r [m], None if not stable; it includes the world's errors as behind
     a perfect link, see loop/error_moments.py. `lost` of the flights were lost, after a mean time lost_after [s].
     flown_rms is over the flights that were not lost, None if all were. agrees says whether a stable link lost no
-    flight, or an unstable one all. A flight of finite length may survive behind an unstable link, so agrees may be
-    False.
+    flight, or an unstable one all. A flight may survive behind an unstable link, so agrees may be False.
     """
 
     link: CommandLink
@@ -151,8 +150,7 @@ def command_flights(
     """Hover behind each link at a point, with the same seeds, and return predicted and flown figures.
 
     The scenario's planner and command link are replaced. The hovering that counts lasts `duration` [s], after WARM_UP.
-    Flights are kept in the folder `out`, as fly_many does; `progress` gets each case as it is done. InputError as
-    hover_V.
+    Flights are kept in the folder `out`, as fly_many does; `progress` gets each finished case. InputError as hover_V.
     """
     seeds = list(seeds)
     told = learned_at(scenario, point)

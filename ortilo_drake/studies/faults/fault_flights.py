@@ -78,8 +78,7 @@ class Phase:
     error is the root mean square of the distance of estimated and true position [m]; ratio is error over the error of
     the same seeds without the fault in the same ticks [1]. nees is the position's mean NEES, 3 if the filter is
     consistent, and nees_interval its 95 % interval over flights by Student's t, cut at 0; None for fewer than two
-    flights. errors [m] and ratios are medians over the single flights, with lost flights counted as worst and without
-    them.
+    flights. errors [m] and ratios are medians over single flights, with lost ones as worst and without them.
     """
 
     error: float

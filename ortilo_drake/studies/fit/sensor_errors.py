@@ -83,8 +83,7 @@ def body_path(name: str, truth: Truth, by: Calibration) -> BodyPath:
 class ImuErrors(NamedTuple):
     """An IMU's errors by axis (3 each): densities in flight, at rest (NaN if unknown), biases; NaN for a faulty axis.
 
-    sd and sd_rest are the standard deviations of the densities' logarithms, in flight and at rest, if the noise is
-    white.
+    sd and sd_rest are the deviations of the densities' logarithms, in flight and at rest, if the noise is white.
     """
 
     rotation: np.ndarray

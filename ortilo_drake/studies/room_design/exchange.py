@@ -19,9 +19,8 @@ Cost = Callable[[np.ndarray, np.ndarray], float]
 def greedy(information: np.ndarray, there: np.ndarray, n: int, cost: Cost, tick: Callable[[], None]) -> list[int]:
     """Return n candidates, each chosen because it lowers the cost most, given those chosen before.
 
-    information (c, steps, 3, 3) is that of each of the c candidates in each step, and there (c, steps) says whether it
-    is heard. cost takes the information (steps, 3, 3) and the number heard (steps) of a design. tick is called after
-    each choice.
+    information (c, steps, 3, 3) is that of c candidates in each step, and there (c, steps) says whether each is heard.
+    cost takes a design's information (steps, 3, 3) and number heard (steps). tick is called after each choice.
     """
     chosen: list[int] = []
     for _ in range(n):

@@ -131,8 +131,7 @@ def landmark_information(
 class Worst:
     """The worst point of a path: its floor is the least RMS position error that any estimator can have there [m].
 
-    time [s] and place p_WB [m] are those of the point; no_fix is the longest time without as many ranges as a fix takes
-    [s].
+    time [s] and place p_WB [m] are those of the point; no_fix is the longest time without enough ranges for a fix [s].
     """
 
     floor: float

@@ -69,8 +69,7 @@ def loss_level(without: Flown, flown: list[Flown], share: float = 0.05) -> LossL
 def log_likelihood(without: Flown, flown: list[Flown], at: np.ndarray, slopes: np.ndarray, share: float) -> np.ndarray:
     """Return the log-likelihood, up to a constant, at all v* (n), pairs of F and p_0 (8), and b (m): (n, 8, m).
 
-    The flights are `without` the mismatch and `flown` at levels above 0. `at` are the v*, slopes the b, and P(v*) is
-    the share.
+    The flights are `without` the mismatch and `flown` at levels above 0. `at` are the v*, slopes the b; P(v*) = share.
     """
     level, flights, lost = (np.array(column, dtype=float) for column in zip(*flown, strict=True))
     total = binomial(loss_chance(level, at, slopes, share), flights, lost).sum(axis=-1)

@@ -72,10 +72,9 @@ class MismatchRow:
     """Flights under one mismatch at one value; its name has the value's unit, and is 'none' without a mismatch.
 
     lost_share is Wilson's 95 % interval of the share lost [1]. mse is the median of the estimate's mean squared error
-    per axis [m^2], with the lost flights as worst and without them. nees is the position's mean over the flights that
-    were not lost, 3 if the filter is consistent, None if all were lost; nees_interval is its 95 % interval by Student's
-    t, None for fewer than two flights. nees_with_lost is over all flights, lost ones up to their losses; infinite if
-    one diverged.
+    per axis [m^2], with the lost flights as worst and without them. nees is the position's mean over the kept flights,
+    3 if the filter is consistent, None if all were lost; nees_interval is its 95 % interval by Student's t, None for
+    fewer than two flights. nees_with_lost is over all flights, lost ones up to their losses; infinite if one diverged.
     """
 
     mismatch: str

@@ -95,8 +95,7 @@ class Judged:
     """Start and result on `flights` flights with other seeds; start and found are their mean costs [m].
 
     difference is the mean of the result's cost less the start's, flight by flight; low and high are the ends of its 95
-    % bootstrap interval [m]. start_lost and found_lost are the numbers of lost flights, with Wilson's 95 % interval of
-    the share.
+    % bootstrap interval [m]. start_lost and found_lost are the numbers lost, with Wilson's 95 % interval of the share.
     """
 
     flights: int

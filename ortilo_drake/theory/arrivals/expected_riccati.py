@@ -85,8 +85,7 @@ def lower_bound(A: np.ndarray, W: np.ndarray, arrival_rate: float) -> np.ndarray
 def coupled_lower_bound(A: np.ndarray, W: np.ndarray, missed: np.ndarray, backward: np.ndarray) -> np.ndarray:
     """Return X (M, n, n) with X_j = sum_i backward[j, i] (missed_i A X_i A^T + W); inf where there is none.
 
-    missed_i (M) is the probability that nothing arrives in mode i; backward (M, M) is Pr(mode before = i | mode now =
-    j).
+    missed_i (M) is the chance that nothing arrives in mode i; backward (M, M) is Pr(mode before = i | mode now = j).
     """
     n, modes = A.shape[0], len(missed)
     missing = backward * missed

@@ -19,8 +19,7 @@ def averaged_update(
 ) -> np.ndarray:
     """Return X - sum_p Pr(p) X C_p^T (C_p X C_p^T + V_p)^-1 C_p X; only its upper half is updated.
 
-    X (n, n) is symmetric. C (m, n), V (m, m) and rows (P, m) are those of arrivals.Model, with the patterns'
-    probabilities (P).
+    X (n, n) is symmetric. C (m, n), V (m, m) and rows (P, m) are those of arrivals.Model, with probabilities (P).
     """
     m, n = C.shape
     CX = np.zeros((m, n))

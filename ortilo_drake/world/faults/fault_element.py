@@ -205,8 +205,7 @@ def lasts_out(message: np.ndarray, changed: np.ndarray, faults: FaultTable, out:
 def asked_out(n: Any, k: int, delay: np.ndarray, faults: FaultTable, out: np.ndarray) -> None:
     """Output a number (1) that is not negative in a tick in which a sensor must measure.
 
-    It must measure where its message is sent, and in every tick before it is stuck, since it will repeat its last
-    message.
+    It must measure where its message is sent, and in every tick before it is stuck, to have a message to repeat.
     """
     fill(out, delay[0])
     for i in range(faults.kinds.size):
@@ -227,7 +226,7 @@ def fault_boxes(
 
     `message` is the box that outputs the messages, of `samples` samples, h [s] apart. The faults are the sensor's, in
     the scenario's order. anchors (n, 3) holds p_WA of each anchor, unless a seed draws them. InputError if a registered
-    fault does not fit the message.
+    fault does not fit.
     """
     boxes: list[Box] = []
     for its in faults:

@@ -1,8 +1,7 @@
 """Faults of the vehicle: a gust, a load dropped in flight, a weak rotor.
 
 A body of c times the mass moves under thrust f and force d as a body of the old mass does under f / c and d / c with
-the same torques, and its accelerometer reads the same. So a dropped load is simulated as a change of the forces on the
-body.
+the same torques, and its accelerometer reads the same. So a dropped load is a change of the forces on the body.
 """
 
 from typing import Any

@@ -60,8 +60,8 @@ class BoxErrors(Frozen):
 
     size, center, extent: mean errors [px] by the box's width or height [px]. visible_growth, inside_growth: growth by
     the shares not hidden and inside the image. border_factor: factor for an edge at the image's border, by the share
-    inside. quantiles: those of the centre's u and v and of width and height, in mean sizes, at the standard normal
-    quantiles `normal`.
+    inside. quantiles: of the centre's u and v, width and height, in mean sizes, at the standard normal quantiles
+    `normal`.
     """
 
     size: Values

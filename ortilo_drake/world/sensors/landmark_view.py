@@ -64,8 +64,7 @@ def hide(
 ) -> int:
     """Return how many points (n, 3) of a landmark at p_WL with extent size (3) the camera at p_WC does not see.
 
-    It marks them in hidden (n). It is a function of its own because views of an obstacle cost no counted references
-    here.
+    It marks them in hidden (n). It is a separate function because views of an obstacle cost no counted references here.
     """
     n_hidden = 0
     # Only the few obstacles near the line of sight, in plan, are tested closely.

@@ -179,8 +179,7 @@ PROJECTED_CAMERA = Element("projected_camera", out=camera_out, allocates=True)
 def camera_box(settings: CameraSettings, room: Room, faults: tuple[AnyFault, ...], h: float) -> Box:
     """Return the camera with its detector: it reads `sent` (1), not negative where it is sent, and the true state (12).
 
-    Of the scenario's faults it applies those of the scene. InputError if the file of measured errors is missing or
-    wrong.
+    It applies the scenario's faults of the scene. InputError if the file of measured errors is missing or wrong.
     """
     streams, false_stream = noise_streams(room)
     numbers = {"turned": np.zeros(3), "false_stream": false_stream, "h": h}

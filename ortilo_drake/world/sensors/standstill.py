@@ -5,8 +5,7 @@ The averages of N samples in T seconds, at rest and level, with factors c, are
     rpy_0 = c_rpy ([0, 0, psi] + b_rpy + nu_rpy),   w_0 = c_w (b_w + nu_w),   f_0 = c_f (g e_z + b_f + nu_f)
 
 where nu has the variance s^2 / N + q^2 T / 3: s is the noise of a sample, and b the bias at take-off, from which the
-mean of a random walk of rate q differs by sd q sqrt(T / 3). In flight w_0 and f_0 - R(rpy_0)^T g e_z are subtracted
-from the samples.
+mean of a random walk of rate q differs by sd q sqrt(T / 3). In flight w_0 and f_0 - R(rpy_0)^T g e_z are subtracted.
 """
 
 import numpy as np

@@ -202,8 +202,7 @@ def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, needs_fo
 
     Without rotor dynamics the control is the one that acts on the body. With them it is the command, and `rotors_felt`,
     present if needs_forces, outputs the control that acts. `vehicle.passed` holds samples - 1 rows of PASSED, the
-    instants inside the last tick, oldest first; `samples` are those of the fastest sensor. The plant starts at x_0
-    (12).
+    instants inside the last tick, oldest first; `samples` are those of the fastest sensor. x starts at x_0 (12).
     """
     vehicle, h = scenario.vehicle, scenario.h
     has_rotors = scenario.world.rotors.kind == "first_order"
