@@ -45,7 +45,7 @@ def inputs_of(half: Half, messages: Signals) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def flown_ticks(scenario: Scenario, ticks: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Fly a scenario in Python; return the inputs of each tick (ticks x i) and each compared output (ticks x n).
+    """Fly a scenario in Drake; return the inputs of each tick (ticks x i) and each compared output (ticks x n).
 
     The last flight is kept, because it is the same for all processors. Errors as in onboard_half.
     """

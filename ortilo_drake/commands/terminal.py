@@ -52,9 +52,9 @@ def progress_bar() -> Progress:
 
 @contextmanager
 def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int | None], None]]:
-    """Show the progress of flights, or of `what`, and the time left; yield a function of (done, most).
+    """Show the progress of flights, or of `what`, and the time left; yield a function of (done, total).
 
-    While the number is not known yet, `most` is None and no time is shown. Flights done until then, or kept from an
+    While the number is not known yet, `total` is None and no time is shown. Flights done until then, or kept from an
     earlier run, do not count for the speed. In a terminal the progress is a bar, elsewhere a line on stderr every
     SAID_EVERY seconds.
     """

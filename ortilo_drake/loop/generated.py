@@ -50,7 +50,7 @@ def load(name: str, text: str, known: dict[str, Any]) -> ModuleType:
 
 
 def is_there(file: Path) -> bool:
-    """Return whether a file exists, and set its access time to now; numba's cache needs its unchanged change time."""
+    """Return whether a file exists; set its access time to now, but not the modification time, which numba compares."""
     try:
         os.utime(file, ns=(time.time_ns(), file.stat().st_mtime_ns))
     except OSError:  # the file may also belong to another user, who marks it

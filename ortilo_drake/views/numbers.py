@@ -60,7 +60,7 @@ def in_its_digits(other: float, value: float, interval: Interval | None) -> str:
 
 
 def _half_width(value: float, low: float, high: float) -> float | None:
-    """Return the geometric mean of a number's distances to the finite ends of its interval; None if there is none."""
+    """Return the geometric mean of a number's distances to the finite ends of its interval; None for a lost flight."""
     apart = [abs(end - value) for end in (low, high) if math.isfinite(end)] if math.isfinite(value) else []
     if not apart:
         return None
