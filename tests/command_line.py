@@ -27,8 +27,7 @@ class Done(NamedTuple):
 def run(*words: str) -> int:
     """Run `ortilo` in this process; return its exit code.
 
-    After a signal, `ortilo` ignores further signals until its process ends. This process goes on, so the handlers are
-    restored.
+    After a signal, `ortilo` ignores further signals; this process goes on, so the handlers are restored.
     """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

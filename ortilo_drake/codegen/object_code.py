@@ -20,8 +20,7 @@ LIBRARY = re.compile(
 def object_code(irs: dict[str, str], target: Target) -> bytes:
     """Return the object file of neutral IR; a linker sees only the functions named by the keys of `irs`.
 
-    InputError if this LLVM was built without the processor, or if code for another processor than x86-64 calls a
-    library function that is not exact.
+    InputError if this LLVM lacks the processor, or code for a processor other than x86-64 calls an inexact function.
     """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()

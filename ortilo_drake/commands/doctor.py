@@ -1,7 +1,4 @@
-"""The command `ortilo doctor`: it reports what is installed, what is missing and how to install it.
-
-Each check is a function.
-"""
+"""The command `ortilo doctor`: what is installed, what is missing and how to install it; a function for each check."""
 
 import importlib.util
 import os

@@ -34,8 +34,7 @@ def box(
     """Return a box of an element of your own, made of two plain functions (docs/how_to/own_parts.md).
 
     The names of their parameters decide what is passed: `out` the array for the output; `n` the numbers; a name in
-    tables, state or work that array; `k` the tick; `seed` the seed of the tick's noise; any other name the output of
-    the box of that name.
+    tables, state or work that array; `k` the tick; `seed` the seed of its noise; any other name that box's output.
 
     Args:
         size: size of the output.

@@ -155,10 +155,7 @@ def check_rate(sensor: str, rate: float, control_rate: float, field: str = "") -
 
 
 def _control_rate_for(rate: float, control_rate: float) -> str:
-    """Return the hint to set the least multiple of the control rate that `rate` divides, or '' if there is none.
-
-    Every rate that divides the control rate divides the multiple too.
-    """
+    """Return the hint to set the least multiple of the control rate (other rates divide it too) that `rate` divides."""
     for n in range(1, math.floor(MOST_TICKS / control_rate) + 1):
         ticks = n * control_rate / rate
         if ticks > 0.5 and abs(ticks - round(ticks)) <= 1e-9 * ticks:

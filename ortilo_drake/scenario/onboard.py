@@ -117,11 +117,9 @@ class LandmarkFix(Frozen):
     center_sd: Positive = 3.0
     """standard deviation of a small box's centre that the solver assumes [px]."""
     center_growth: NonNegativeFloat = 0.0
-    """g [1/px]: along an axis in which a box is b px long, the standard deviation of its centre is
-    center_sd sqrt(1 + (g b)^2)."""
+    """g [1/px]: a box that is b px long along an axis has the error center_sd sqrt(1 + (g b)^2) along this axis."""
     gate: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
-    """probability [1] of the gate that associates a box with a landmark's predicted projection; boxes beyond the gate
-    are refused."""
+    """probability [1] of the gate about a landmark's predicted projection; boxes beyond it are not associated."""
     max_residual: Positive = 4.0
     """number of standard deviations [1] by which a box may disagree with the rest; 'known_attitude', 'known_tilt' and
     'pose' drop boxes beyond it."""

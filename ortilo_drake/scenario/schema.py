@@ -37,8 +37,7 @@ class Key(NamedTuple):
 def meanings(model: type[BaseModel]) -> dict[str, str]:
     """Return the description of each field as one line: the model's own, or the inherited one.
 
-    The description stands below the field, or under Attributes in the model's docstring. A `kind` with one value needs
-    no description.
+    The description stands below the field, or under Attributes in the docstring; a `kind` of one value needs none.
     """
     found: dict[str, str] = {}
     for its in model.__mro__[model.__mro__.index(BaseModel) - 1 :: -1]:

@@ -163,8 +163,7 @@ def _is_wide(room: Room) -> bool:
 def _places(figure: Figure, room: Room) -> tuple[Axes, list[Axes], Axes]:
     """Return the axes of a flight's room, of its errors (3) and of its arrivals.
 
-    All are one below the other. On a slide, the errors are side by side below a wide room, else all strips are beside
-    the room.
+    All are one below the other; on a slide, the errors are side by side below a wide room, else all are beside it.
     """
     strips: Any = {"nrows": 4, "ncols": 1, "height_ratios": [1.2, 1.2, 1.2, 0.9]}
     if for_slides() and _is_wide(room):

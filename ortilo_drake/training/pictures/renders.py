@@ -122,11 +122,7 @@ def landmark_meshes(room: Room) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 class Studio:
-    """A renderer that takes labelled pictures of a room.
-
-    With a generator `rng`, looks, lamps and background are random. InputError if the camera has lens distortion or
-    unequal focal lengths, or a landmark class has no mesh.
-    """
+    """A renderer of labelled pictures of a room; with `rng`, looks, lamps and background are random."""
 
     def __init__(
         self, room: Room, classes: tuple[str, ...], camera: CameraModel, rng: np.random.Generator | None = None
