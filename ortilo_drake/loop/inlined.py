@@ -81,9 +81,13 @@ class KeepLowered(LoweringPass):
 
 
 @cache
-def only_linked(function: CPUDispatcher, counts: bool) -> CPUDispatcher:
-    """Return an njit function as elements call it: one for those that count references, one for those that do not."""
-    return CPUDispatcher(function.py_func, function.locals, OPTIONS | function.targetoptions, pipeline_class=Linked)
+def only_linked(function: CPUDispatcher, counts: bool, checks: bool) -> CPUDispatcher:
+    """Return an njit function as elements call it: one for those that count references, and for those that do not.
+
+    Where they check indices, it checks its own too.
+    """
+    options = OPTIONS | function.targetoptions | ({"boundscheck": True} if checks else {})
+    return CPUDispatcher(function.py_func, function.locals, options, pipeline_class=Linked)
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
@@ -101,7 +105,7 @@ class CallOnlyLinked(FunctionPass):
         called = [its for its in read if isinstance(its, ir.Global | ir.FreeVar)]
         called = [its for its in called if isinstance(its.value, CPUDispatcher)]
         for its in called:
-            its.value = only_linked(its.value, bool(state.flags.nrt))
+            its.value = only_linked(its.value, bool(state.flags.nrt), bool(state.flags.boundscheck))
         return bool(called)
 
 

@@ -7,6 +7,7 @@ the player can tell it.
 import sys
 import threading
 from collections.abc import Iterable
+from inspect import isfunction
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,8 +24,11 @@ class ElementError(ValueError):
 
 
 def places_in(elements: Iterable[Element]) -> str:
-    """Return where the functions of elements begin."""
-    codes = [plain(function).__code__ for element in elements for function in element.functions.values()]
+    """Return where the functions of elements begin; of one that is made of a user's function, where that does."""
+    functions = [plain(function) for element in elements for function in element.functions.values()]
+    inner = [[plain(cell.cell_contents) for cell in its.__closure__ or ()] for its in functions]
+    named = [one for its, used in zip(functions, inner, strict=True) for one in [*filter(isfunction, used)] or [its]]
+    codes = [its.__code__ for its in named]
     return " or ".join(f"{its.co_name} ({Path(its.co_filename).name}, line {its.co_firstlineno})" for its in codes)
 
 

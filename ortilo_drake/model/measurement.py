@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ortilo_drake.model.hover import hover_A
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.model.signals import CONTROL_NAMES, N_X, N_XBAR, REFERENCE_SIZE, SENSORS, STATE_NAMES
 
 POSITION: Final = STATE_NAMES[:3]
@@ -176,9 +177,9 @@ class Measurement:
 def make_measurement(rows: Rows = PAPER) -> Measurement:
     """Return the measurement of a list of sensors, by default the paper's three.
 
-    ValueError if two sensors or two rows have the same name.
+    InputError if two sensors or two rows have the same name.
     """
     names = [name for name, _ in rows] + [r.name for _, own in rows for r in own]
     if len(set(names)) != len(names):
-        raise ValueError(f"{', '.join(names)}: every sensor and every row needs a name of its own")
+        raise InputError(f"sensors: {', '.join(names)}: every sensor and every row needs a name of its own")
     return Measurement(rows)

@@ -71,6 +71,8 @@ def compiled_fix_out(solve: Callable[..., np.ndarray]) -> Callable[..., None]:
             )  # copies, because a user's function may change its arguments
             fix = solve(numbers, message[PAYLOAD:].copy(), belief[:N_XBAR].copy(), P)
             if fix.size > 0:
+                if fix.size != out.size - PAYLOAD:
+                    raise ValueError("returns another number of values than its rows have, with their covariance")
                 out[ARRIVED], out[STAMP] = 1.0, message[STAMP]
                 put(fix, out, PAYLOAD)
 
@@ -84,7 +86,7 @@ def own_fix_box(name: str, share: Compiled, rows: int, scenario: Belief, room: R
     """
     if share.solve is None:
         return None
-    element = Element("own_fix", out=compiled_fix_out(share.solve), allocates=True)
+    element = Element("own_fix", out=compiled_fix_out(share.solve), allocates=True, checked=True)
     box = Box(f"{name}_fix", element, PAYLOAD + rows + rows * rows)
     return box.with_groups(numbers=share.numbers(scenario, room))
 

@@ -1,11 +1,12 @@
 """What an element of one's own does wrong ends in one line, by every player, and in no memory but its own."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pytest
 from command_line import run
+from numba import njit
 
 import ortilo_drake as od
 from ortilo_drake.flight.players import player_of
@@ -135,3 +136,55 @@ def test_a_part_that_cannot_be_made_is_told_with_its_field(make: Any, said: str)
     od.register_servo("own", Own, box=make)
     with pytest.raises(od.InputError, match=rf"^servo\.kind: own: {said}$"):
         od.Engine(od.load_scenario("nominal_imu_uwb", servo={"kind": "own"}, **SHORT))
+
+
+class Numbers(NamedTuple):
+    """The numbers of a sensor."""
+
+    sd: float
+
+
+@njit
+def beyond_its_noise(its: Numbers, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+    """Return a height with noise that was not asked for."""
+    return np.array([x[2] + its.sd * v[900]])
+
+
+@njit
+def too_many(its: Numbers, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+    """Return four values of a payload of one."""
+    return np.array([x[2] + its.sd * v[0], 1e9, 1e9, 1e9])
+
+
+class Height(od.SensorSettings):
+    """Settings of a sensor of the height."""
+
+
+def height_sd(scenario: od.Scenario, room: od.Room, states: np.ndarray) -> np.ndarray:
+    return np.full((len(states), 1), 0.1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("player", ["engine", "drake"])
+@pytest.mark.parametrize(
+    ("measure", "said"),
+    [
+        (beyond_its_noise, "IndexError: index is out of bounds"),
+        (too_many, "ValueError: returns another number of values than its payload has"),
+    ],
+)
+def test_a_sensor_s_function_stays_within_its_arrays(measure: Any, said: str, player: str) -> None:
+    share = od.Compiled(lambda scenario, room: Numbers(0.1), payload=1, noises=1, measure=measure)
+    rows, V = (od.row("z_own", z=1.0),), np.array([[0.01]])
+    od.register_sensor(od.Sensor("height", Height, rows=rows, sd=height_sd, V=lambda scenario: V, compiled=share))
+    scenario = od.load_scenario("nominal_imu_uwb", sensors=["uwb", "imu", "height"], **SHORT)
+    with pytest.raises(ElementError, match=rf"^{measure.__name__} \(test_wrong_elements\.py, line \d+\): {said}$"):
+        player_of(scenario, player).fly(0)
+
+
+def test_a_row_with_the_name_of_its_sensor_is_refused_in_a_line() -> None:
+    share = od.Compiled(lambda scenario, room: Numbers(0.1), payload=1, noises=1, measure=too_many)
+    rows, V = (od.row("height", z=1.0),), np.array([[0.01]])
+    od.register_sensor(od.Sensor("height", Height, rows=rows, sd=height_sd, V=lambda scenario: V, compiled=share))
+    with pytest.raises(od.InputError, match=r"^sensors: .*height, .*, height: every sensor and every row needs a name"):
+        od.Engine(od.load_scenario("nominal_imu_uwb", sensors=["uwb", "imu", "height"], **SHORT))

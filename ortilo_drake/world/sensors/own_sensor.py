@@ -28,6 +28,8 @@ def compiled_sensor_out(measure: Callable[..., np.ndarray]) -> Callable[..., Non
             put_normals(v, seed, n.stream, k)
             payload = measure(numbers, state, v, k * n.h)
             if payload.size > 0:
+                if payload.size != out.size - PAYLOAD:
+                    raise ValueError("returns another number of values than its payload has")
                 out[ARRIVED], out[STAMP] = 1.0, k * n.h
                 put(payload, out, PAYLOAD)
 
@@ -36,7 +38,7 @@ def compiled_sensor_out(measure: Callable[..., np.ndarray]) -> Callable[..., Non
 
 def own_sensor_box(name: str, share: Compiled, scenario: Scenario, room: Room) -> Box:
     """Return a compiled sensor's box: it reads `sent` (1), not negative where it is sent, and the state (12)."""
-    element = Element("own_sensor", out=compiled_sensor_out(share.measure), allocates=True)
+    element = Element("own_sensor", out=compiled_sensor_out(share.measure), allocates=True, checked=True)
     given = Values({"stream": stream_id(name), "h": scenario.h})
     box = Box(name, element, PAYLOAD + share.payload, given, {"v": (share.noises,)})
     return box.with_groups(numbers=share.numbers(scenario, room))
