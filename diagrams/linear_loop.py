@@ -12,10 +12,9 @@ from pydrake.systems.primitives import AffineSystem, MatrixGain
 from ortilo_drake.diagrams.wiring.onboard import servo_boxes
 from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.loop.diagram import add_wiring
-from ortilo_drake.loop.element import OUTSIDE, Box, bundle, constant, outside
-from ortilo_drake.loop.shell import WiredSystem_
+from ortilo_drake.loop.element import Box, bundle, constant, outside
 from ortilo_drake.loop.wiring import Wiring
-from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, STATE_NAMES, VELOCITY_SIZE
+from ortilo_drake.model.signals import N_I, N_U, N_X, PAYLOAD, REFERENCE_SIZE, STATE_NAMES
 from ortilo_drake.model.vehicle import Vehicle
 from ortilo_drake.onboard.estimator.extra_states import D, F, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_of
@@ -36,27 +35,6 @@ def make_rotors_and_plant(vehicle: Vehicle, kinematics: str) -> Diagram:
     plant = _plant_boxes(QuadrotorPlant_[float](vehicle, kinematics), "rotors")
     rotors = system_box("rotors", Rotors_[float](vehicle), ("wrench",), {"control": ("control", N_U)})
     return _diagram("rotors_and_plant", [*plant, rotors, outside("control", N_U)], 0.0)
-
-
-def make_servo(scenario: Scenario) -> System:
-    """Return the servo with its inputs in one vector; memoryless.
-
-    Ports:
-        inputs (24 or more): estimate (15), reference (9), where the filter estimates one the disturbance force (3), and
-            where the scenario lends them the true velocities (6).
-        control (4, output): u, f_T absolute.
-    """
-    told = filter_of(scenario).force != "none"
-    size = N_XBAR + REFERENCE_SIZE + 3 * told
-    parts = {"estimate": (0, N_XBAR), "reference": (N_XBAR, REFERENCE_SIZE)}
-    parts |= {"force": (N_XBAR + REFERENCE_SIZE, 3)} if told else {}
-    if scenario.lends_velocities:  # in a message whose flag and stamp are not read
-        parts["velocity"], size = (size - PAYLOAD, VELOCITY_SIZE), size + N_V
-    reads = {"reference": "inputs.reference", "velocity": "inputs.velocity"}
-    servo = servo_boxes(scenario.belief, "inputs.estimate", "inputs.force" if told else "no_force", {}, None, {})
-    servo = [box.with_inputs(**{name: reads[name] for name in reads if name in box.element.inputs}) for box in servo]
-    wiring = Wiring([Box("inputs", OUTSIDE, size, parts=parts), constant("no_force", np.zeros(3)), *servo])
-    return WiredSystem_[float]("servo", wiring, {"control": ("servo",)}, scenario.h)
 
 
 def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> AffineSystem:

@@ -3,17 +3,22 @@
 Else the vehicle is made of elements: wiring/world.py.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import System
 from pydrake.systems.primitives import PassThrough, ZeroOrderHold
 
-from ortilo_drake.diagrams.wiring.world import disturbance_boxes, report_link_boxes, rotors_lag, wrench_changes
-from ortilo_drake.loop.diagram import add_wiring, together
-from ortilo_drake.loop.element import OUTSIDE, Box, outside
+from ortilo_drake.diagrams.wiring.systems import system_box
+from ortilo_drake.diagrams.wiring.world import (
+    disturbance_boxes,
+    needs_forces,
+    report_link_boxes,
+    rotors_lag,
+    wrench_changes,
+)
+from ortilo_drake.loop.diagram import system_of
+from ortilo_drake.loop.element import Box, Element, bundle, outside, parts_of
 from ortilo_drake.loop.wiring import Wiring
-from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_X
+from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.scenario import CommandLink as CommandLinkSettings
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.world.radio.command_link import command_link_box
@@ -21,100 +26,62 @@ from ortilo_drake.world.sensors.sample_collector import Passed
 from ortilo_drake.world.vehicle.acted_report import ActedReport
 from ortilo_drake.world.vehicle.continuous import PASSED
 from ortilo_drake.world.vehicle.failsafe import Failsafe
-from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_
+from ortilo_drake.world.vehicle.quadrotor import QuadrotorPlant_, acceleration_box
 from ortilo_drake.world.vehicle.rotors import Rotors_
 
 _INSTANT = 1e-6  # s: the tick of what changes a wrench at any time
 
 
-class Integrated(NamedTuple):
-    """A vehicle that Drake integrates.
+def integrated_boxes(scenario: Scenario, command_period: float | None, x_0: np.ndarray) -> list[Box]:
+    """Return in the place of vehicle_boxes a plant that Drake integrates from x_0 (12), and all that acts on it.
 
-    Attributes:
-        plant: its System.
-        boxes: in the place of those of vehicle_boxes.
-        sources: the output ports that they stand for, by name.
-        within: boxes of its own elements.
-        systems: that play these, by name.
-    """
-
-    plant: System
-    boxes: list[Box]
-    sources: dict[str, OutputPort]
-    within: list[Box]
-    systems: dict[str, System]
-
-
-def add_vehicle(
-    builder: DiagramBuilder, scenario: Scenario, command_period: float | None, x_0: np.ndarray, chance: OutputPort
-) -> Integrated:
-    """Add the plant to a world, from its state x_0 (12), with what commands and pushes it.
-
-    The world gets the inputs control or, with a command_period, command and command_stamp; see World and loop/seeds.py.
+    They read the control (4) of a box `servo` or, with a command_period, inputs of the world: command and
+    command_stamp, see World.
     """
     h, period, vehicle = scenario.h, command_period or scenario.h, scenario.vehicle
-    within, systems = [outside("control", N_U)], dict[str, System]()
-
-    def add(boxes: list[Box], tick: float, **sources: OutputPort) -> dict[str, OutputPort]:
-        """Add elements of its own; return what the last one says, by its parts if it has any."""
-        last = boxes[-1]
-        asked = {part: f"{last.name}.{part}" for part in last.parts} or {"said": last.name}
-        wiring = Wiring([*boxes, outside("plant", N_X), outside("control", N_U)])
-        added = add_wiring(builder, wiring, asked, tick, sources, seed=scenario.seed, chance=chance)
-        within.extend(boxes)
-        systems.update(added.systems)
-        return added.outputs
-
-    def through(system: System, port: OutputPort) -> OutputPort:
-        builder.Connect(port, system.get_input_port())
-        return system.get_output_port()
-
-    plant = builder.AddSystem(QuadrotorPlant_[float](vehicle, scenario.world.kinematics, x_0=x_0))
-    state = plant.GetOutputPort("state")
+    told = {"control": ("servo", N_U)}
     if command_period is not None:
-        failsafe = builder.AddSystem(Failsafe(scenario.failsafe, vehicle, command_period))
-        builder.ExportInput(failsafe.GetInputPort("command"), "command")
-        builder.Connect(state, failsafe.GetInputPort("state"))
-        builder.ExportOutput(failsafe.GetOutputPort("mode"), "failsafe_mode")
-        told = {name: failsafe.GetOutputPort(name) for name in ("control", "mode")}
+        failsafe = Failsafe(scenario.failsafe, vehicle, command_period)
+        boxes = [system_box("failsafe", failsafe, ("control", "mode"), {"state": ("plant", N_X)})]
+        told = {"control": ("failsafe.control", N_U), "mode": ("failsafe.mode", 1), "stamp": ("command_stamp", 1)}
     elif scenario.command_link != CommandLinkSettings():
-        told = add([command_link_box(scenario.command_link, vehicle.hover_thrust, h).with_inputs(control="control")], h)
-        told["control"] = told.pop("applied")
+        boxes = [command_link_box(scenario.command_link, vehicle.hover_thrust, h).with_inputs(control="servo")]
+        told = {"control": ("command_link.applied", N_U), "stamp": ("command_link.stamp", 1)}
     else:
-        passing = builder.AddSystem(PassThrough(N_U))
-        builder.ExportInput(passing.get_input_port(), "control")
-        told = {"control": passing.get_output_port()}
+        boxes = []
 
-    pushes = add(disturbance_boxes(scenario), h, plant=state)["said"]
-    pushes = through(builder.AddNamedSystem("disturbance_hold", ZeroOrderHold(h, 6)), pushes)
-    acts, changes = told["control"], wrench_changes(scenario, _INSTANT, "control")
-    hold, has_rotors = builder.AddNamedSystem("hold", ZeroOrderHold(period, N_U)), rotors_lag(scenario)
-    if has_rotors:  # their speeds are what lags, not the wrench as it is changed
-        acts = through(builder.AddSystem(Rotors_[float](vehicle)), through(hold, acts))
-    acts = add(changes, _INSTANT, control=acts)["said"] if changes else acts
-    acts = acts if has_rotors else through(hold, acts)
-    builder.Connect(acts, plant.GetInputPort("control"))
-    builder.Connect(pushes, plant.GetInputPort("disturbance"))
+    def through(name: str, system: System, said: str) -> str:
+        """Add a System between what is said and what it makes of that; return its name."""
+        system.set_name(name)
+        port, size = system.get_input_port(), system.get_input_port().size()
+        signals = {port.get_name(): (said, size)}
+        boxes.append(system_box(name, system, (system.get_output_port().get_name(),), signals))
+        return name
 
-    acceleration, felt = plant.GetOutputPort("acceleration"), {"control": (0, N_U), "disturbance": (N_U, 6)}
-    boxes = [outside("plant", N_X), Box("felt", OUTSIDE, N_U + 6, parts=felt), outside("rotors_felt", N_U)]
-    boxes.append(outside("acceleration", 3))
-    sources = {"plant": state, "felt": together(builder, [acts, pushes]), "felt.control": acts}
-    sources |= {"felt.disturbance": pushes, "rotors_felt": acts, "acceleration": acceleration}
+    boxes += disturbance_boxes(scenario)
+    pushes = through("disturbance_hold", ZeroOrderHold(h, 6), boxes[-1].name)
+    acts, hold = told["control"][0], ZeroOrderHold(period, N_U)
+    if rotors_lag(scenario):  # their speeds are what lags, not the wrench as it is changed
+        acts = through("rotors", Rotors_[float](vehicle), through("hold", hold, acts))
+    for box in wrench_changes(scenario, _INSTANT, "control"):
+        wiring = Wiring([box.with_inputs(control="control"), outside("control", N_U)])
+        acts = through(box.name, system_of(wiring, _INSTANT, scenario.seed), acts)
+    acts = through("rotors_felt", PassThrough(N_U), acts) if rotors_lag(scenario) else through("hold", hold, acts)
+
+    plant = QuadrotorPlant_[float](vehicle, scenario.world.kinematics, x_0=x_0)
+    signals = {"control": (acts, N_U), "disturbance": (pushes, 6)}
+    felt = parts_of({name: size for name, (_, size) in signals.items()})
+    boxes.append(system_box("plant", plant, ("state",), signals))
+    boxes.append(Box("felt", Element("bundle"), N_U + 6, parts=felt, holds=(acts, pushes)))
+    if needs_forces(scenario, whole_imu=True):
+        felt_by = {"state": "plant", "control": acts, "disturbance": pushes}
+        boxes.append(acceleration_box(vehicle, scenario.world.kinematics).with_inputs(**felt_by))
     if scenario.imu_samples > 1:
-        size = (scenario.imu_samples - 1) * PASSED
-        passed = builder.AddSystem(Passed(PASSED, scenario.imu_samples, h))
-        boxes.append(Box("vehicle", OUTSIDE, size, parts={"passed": (0, size)}))
-        passing_on = through(passed, together(builder, [state, acceleration]))
-        sources |= {"vehicle": passing_on, "vehicle.passed": passing_on}
+        passed = Passed(PASSED, scenario.imu_samples, h)
+        moving = [box for box in boxes if box.name in ("plant", "acceleration")]
+        boxes += [bundle("moving", moving), system_box("vehicle", passed, ("passed",), {"signal": ("moving", PASSED)})]
     if scenario.commands.are_reported:
-        is_late = command_period is not None or scenario.command_link != CommandLinkSettings()
-        report = builder.AddSystem(ActedReport(vehicle, h, period, is_late, command_period is not None))
-        for name, port in told.items():
-            builder.Connect(port, report.GetInputPort(name))
-        if command_period is not None:
-            builder.ExportInput(report.GetInputPort("stamp"), "command_stamp")
-        acted = outside("acted", ACTED_SIZE)
-        boxes += [acted, *report_link_boxes(scenario, acted)]
-        sources["acted"] = report.get_output_port()
-    return Integrated(plant, boxes, sources, within, systems)
+        report = ActedReport(vehicle, h, period, "stamp" in told, command_period is not None)
+        boxes.append(system_box("acted", report, ("acted",), told))
+        boxes += report_link_boxes(scenario, boxes[-1])
+    return boxes

@@ -1,14 +1,16 @@
 """The world: the vehicle, its sensors and the links."""
 
+from typing import Any
+
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scene
-from ortilo_drake.diagrams.vehicle import add_vehicle
+from ortilo_drake.diagrams.vehicle import integrated_boxes
 from ortilo_drake.diagrams.wiring.truth import body_of, drawn_values, of_body, payloads_of, true_start, true_vehicle
 from ortilo_drake.diagrams.wiring.world import is_system, sensors_boxes, world_boxes
-from ortilo_drake.loop.diagram import add_wiring
-from ortilo_drake.loop.element import Box, Values, outside
+from ortilo_drake.loop.diagram import NOTHING, add_wiring
+from ortilo_drake.loop.element import Values, outside
 from ortilo_drake.loop.seeds import add_chance
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_U, N_X
@@ -74,19 +76,16 @@ class World(Diagram):
         self._scenario, self._room = scenario, room
         r_0, chance = np.zeros(3) if r_0 is None else r_0, add_chance(builder, scenario.h)
         self._x_0 = np.concatenate([r_0, [0.0, 0.0, scenario.yaw], np.zeros(6)])
-        self._plant, sources = None, dict[str, OutputPort]()
-        beside, systems = list[Box](), dict[str, System]()  # of a vehicle that Drake integrates
         own = [name for name in scenario.sensors if is_system(scenario, name)]
         if command_period is not None or any(scenario.samples(name) > 1 for name in own):
-            vehicle = add_vehicle(builder, scenario, command_period, self._x_0, chance)
-            self._plant, beside, systems, sources = vehicle.plant, vehicle.within, vehicle.systems, vehicle.sources
             sensing, messages = sensors_boxes(scenario, room, whole_imu=True)
-            boxes = [*vehicle.boxes, *sensing]
+            boxes = [*integrated_boxes(scenario, command_period, self._x_0), *sensing]
         else:
             boxes, messages = world_boxes(scenario, room, r_0, whole_imu=True)
-            boxes.append(outside("servo", N_U))
-        wiring, self._wiring = Wiring(boxes), Wiring([*boxes, *beside])
-        names = {"state": "plant"}
+        boxes.append(outside("servo", N_U) if command_period is None else outside("command_stamp", 1))
+        self._wiring = wiring = Wiring(boxes)
+        self._plant: Any = wiring.boxes["plant"].system  # one that Drake integrates
+        names = {"state": "plant"} | ({} if command_period is None else {"failsafe_mode": "failsafe.mode"})
         for sensor, box in messages.items():
             names["shutter" if scenario.is_picture(sensor) else port_of(sensor)] = box.name
         names |= {"velocity": "velocity"} if scenario.lends_velocities else {}
@@ -94,9 +93,8 @@ class World(Diagram):
         if scenario.is_rendered:
             names["seen"] = "camera_clock" if "camera_clock" in wiring.boxes else "plant"
         self._added = add_wiring(
-            builder, wiring, names, scenario.h, sources, fused, {"servo": "control"}, scenario.seed, chance
+            builder, wiring, names, scenario.h, NOTHING, fused, {"servo": "control"}, scenario.seed, chance
         )
-        self._added.systems.update(systems)
         outputs = self._added.outputs
         for name in names:
             if name != "seen":

@@ -17,8 +17,8 @@ from ortilo_drake.codegen.ir import symbol_of
 from ortilo_drake.codegen.single import NARROW, with_floats
 from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.native import parameters
-from ortilo_drake.loop.source import Places, place_of, places_of
-from ortilo_drake.loop.wiring import Wire
+from ortilo_drake.loop.player import Memory
+from ortilo_drake.loop.source import Places, places_of
 
 TEMPLATES: Final = Path(__file__).with_name("templates")
 ROOM_TEXT: Final = (TEMPLATES / "room.c").read_text()
@@ -60,14 +60,6 @@ def numbers_text(half: Half, single: bool) -> str:
     return "\n".join([*lines, "};\n"])
 
 
-def initial_values(half: Half, places: Places) -> np.ndarray:
-    """Return all states in tick 0, one after the other (n)."""
-    found = np.zeros(max(places.sizes[1], 1))
-    for (name, state), (at, shape) in places.state.items():
-        found[at : at + math.prod(shape)] = np.ravel(half.wiring.boxes[name].given.start[state])
-    return found
-
-
 def declaration(box: Box, what: str) -> str:
     """Return the C declaration of a box's function in the object file."""
     said = ["void *"]
@@ -76,30 +68,17 @@ def declaration(box: Box, what: str) -> str:
     return f"int32_t {symbol_of(box.name, what)}({', '.join(said)});"
 
 
-def address(half: Half, places: Places, wire: Wire) -> str:
-    """Return the C address of the values that a wire reads."""
-    letter, at = place_of(half.wiring, places, wire)
-    return f"{letter} + {at}"
-
-
-def call(half: Half, places: Places, box: Box, what: str) -> str:
+def call(places: Places, box: Box, what: str) -> str:
     """Return the C line that calls a box's `out` or `step`."""
     element, said = box.element, ["ROOM"]
-    tables = {table.name for table in element.arrays}
     for name, _, _ in parameters(element, element.functions[what]):
         if name == "n":
             said.append(f"&n->{box.name}" if element.constants else "n")
         elif name == "k":
             said.append("k")
-        elif name in tables:
-            said += [f"n->{box.name}.{name}", *map(str, np.shape(box.given.tables[name]))]
-        elif name in element.own:
-            where, letter = (places.work, "W") if name in box.work else (places.state, "S")
-            at, shape = where[box.name, name]
-            said += [f"{letter} + {at}", *map(str, shape)]
         else:
-            wire = Wire(box.name, 0, box.size) if name == "out" else half.wiring.wires[box.name, name]
-            said += [address(half, places, wire), str(wire.size)]
+            letter, at, shape = places.arrays[box.name, name]
+            said += [f"n->{box.name}.{name}" if letter == "T" else f"{letter} + {at}", *map(str, shape)]
     return f"    stopped += {symbol_of(box.name, what)}({', '.join(said)}) != 0;"
 
 
@@ -107,14 +86,16 @@ def source_text(half: Half, makes_arrays: bool, own_sums: bool, single: bool = F
     """Return the text of ortilo.c, with floats if `single`, and the sizes of states, work arrays and outputs."""
     wiring, places = half.wiring, places_of(half.wiring)
     declared = [declaration(box, what) for box in computed_boxes(half) for what in box.element.functions]
-    first = initial_values(half, places).astype(np.float32 if single else float)
+    first = np.append(Memory(wiring, places).S, [] if places.sizes["S"] else [0.0])  # C has no empty arrays
+    first = first.astype(np.float32 if single else float)
     came = [
-        f"    memcpy({address(half, places, Wire(name, 0, size))}, &inputs->{c_name(name)}, {size} * sizeof(double));"
+        f"    memcpy(Y + {places.said[name].at}, &inputs->{c_name(name)}, {size} * sizeof(double));"
         for name, size in half.inputs.items()
     ]
+    sources = {name: places.of(wire) for name, wire in half.outputs.items()}
     went = [
-        f"    memcpy(outputs->{name}, {address(half, places, wire)}, sizeof outputs->{name});"
-        for name, wire in half.outputs.items()
+        f"    memcpy(outputs->{name}, {place.letter} + {place.at}, sizeof outputs->{name});"
+        for name, place in sources.items()
     ]
     lines = [
         '#include "ortilo.h"',
@@ -141,13 +122,12 @@ def source_text(half: Half, makes_arrays: bool, own_sums: bool, single: bool = F
         "    int stopped = 0;",
         "    (void)n, (void)W, (void)k;",
         *came,
-        *(call(half, places, box, "out") for box in wiring.out_order),
+        *(call(places, box, "out") for box in wiring.out_order),
         *went,
-        *(call(half, places, box, "step") for box in wiring.step_order),
+        *(call(places, box, "step") for box in wiring.step_order),
         "    self->state.tick = k + 1;",
         "    return stopped;",
         "}\n",
     ]
-    _, states, work, said, _ = places.sizes
-    text = "\n".join(lines)
-    return with_floats(text) if single else text, {"state": states, "said": said, "work": work}
+    text, sizes = "\n".join(lines), places.sizes
+    return with_floats(text) if single else text, {"state": sizes["S"], "said": sizes["Y"], "work": sizes["W"]}

@@ -2,7 +2,6 @@
 
 import ctypes
 from collections.abc import Callable
-from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,8 @@ from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.native import native_of
 from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.loop.player import Memory
-from ortilo_drake.loop.source import line_of, part_text, place_of, places_of
-from ortilo_drake.loop.wiring import Wire, Wiring
+from ortilo_drake.loop.source import line_of, part_text, places_of
+from ortilo_drake.loop.wiring import Wiring
 
 Calls = list[tuple[Box, str]]
 
@@ -83,35 +82,28 @@ def _of_memory(function: Callable[..., None]) -> Callable[..., None]:
 def _single(wiring: Wiring, calls: Calls) -> Callable[..., None]:
     """Return likewise a function that makes the call of one box by itself: nothing is compiled but the element."""
     places = places_of(wiring)
-    lines = "\n".join(f"    {line_of(wiring, places, box, what)}" for box, what in calls) or "    pass"
+    lines = "\n".join(f"    {line_of(places, box, what)}" for box, what in calls) or "    pass"
     text = f"""def call(memory, S_, Y_, k):
     N, W, T, seeds, seed = memory.known
     S, Y = S_.__array_interface__["data"][0], Y_.__array_interface__["data"][0]
 {lines}
 """
-    made: dict[str, Any] = {f"{box.name}_{what}": _entry(box, what) for box, what in calls}
-    exec(_code(text), made)
-    call: Callable[..., None] = made["call"]
+    known: dict[str, Any] = {}
+    for box, what in calls:
+        native = native_of(box.element)[what]
+        known[f"{box.name}_{what}"] = ctypes.PYFUNCTYPE(None, *[ctypes.c_int64] * native.arguments)(native.address)
+    exec(text, known)
+    call: Callable[..., None] = known["call"]
     return call
 
 
-@lru_cache(maxsize=512)
-def _code(text: str) -> Any:
-    return compile(text, "<element>", "exec")
-
-
-def _entry(box: Box, what: str) -> Any:
-    native = native_of(box.element)[what]
-    return ctypes.PYFUNCTYPE(None, *[ctypes.c_int64] * native.arguments)(native.address)
-
-
 class PlainCalls:
-    """Calls of plain source of a wiring's boxes, on arrays of a scalar type T."""
+    """Calls of plain source of a wiring's boxes, on arrays of a scalar type T; floats take the functions as is."""
 
     def __init__(self, wiring: Wiring, T: type):
-        self._wiring, self._places, self._T = wiring, places_of(wiring), T
+        self._places, self._T = places_of(wiring), T
         self._functions = {
-            (box.name, what): (plain_source(f), takes(f))
+            (box.name, what): (f if T is float else plain_source(f), takes(f))
             for box in wiring.boxes.values()
             for what, f in box.element.functions.items()
         }
@@ -122,29 +114,25 @@ class PlainCalls:
         Raises:
             RuntimeError: naming the box whose plain source takes no such scalar.
         """
-        work = np.full(self._places.sizes[2], self._T(0.0))
         for box, what in calls:
-            function, names = self._functions[box.name, what]
-            common = {"k": k, "seed": int(memory.seeds[0]), "seeds": memory.seeds}
-            known = memory, S, Y, work
-            arguments = [common[name] if name in common else self._argument(box, name, *known) for name in names]
             try:
-                function(*arguments)
+                self.call(box, what, memory, S, Y, k)
             except (TypeError, AttributeError, RuntimeError) as error:
                 raise RuntimeError(f"{box.name}: its {what} takes no {self._T.__name__}: {error}") from error
 
-    def _argument(self, box: Box, name: str, memory: Memory, S: np.ndarray, Y: np.ndarray, work: np.ndarray) -> Any:
-        if name == "n":
-            return memory.numbers_of(box.name)
-        if name in box.element.grouped:
-            arrays = partial(memory.table_of, box.name)
-            return box.element.grouped[name].filled(memory.numbers_of(box.name), arrays)
-        if name in box.element.own:
-            for places, array in ((self._places.state, S), (self._places.work, work)):
-                if (box.name, name) in places:
-                    at, shape = places[box.name, name]
-                    return array[at : at + int(np.prod(shape))].reshape(shape)
-            return memory.table_of(box.name, name)
-        wire = Wire(box.name, 0, box.size) if name == "out" else self._wiring.wires[box.name, name]
-        letter, at = place_of(self._wiring, self._places, wire)
-        return (S if letter == "S" else Y)[at : at + wire.size]
+    def call(self, box: Box, what: str, memory: Memory, S: np.ndarray, Y: np.ndarray, k: int) -> Any:
+        """Make one call; return what the function returns, which should be nothing."""
+
+        def array(name: str) -> np.ndarray:
+            place = self._places.arrays[box.name, name]
+            if place.letter == "T":
+                return memory.table_of(box.name, name)
+            if place.letter == "W":
+                return np.full(place.shape, self._T(0.0))
+            return place.of(S if place.letter == "S" else Y)
+
+        function, names = self._functions[box.name, what]
+        n, groups = memory.numbers_of(box.name), box.element.grouped
+        known = {"n": n, "k": k, "seed": int(memory.seeds[0]), "seeds": memory.seeds}
+        known |= {name: groups[name].filled(n, array) for name in names if name in groups}
+        return function(*[known[name] if name in known else array(name) for name in names])

@@ -180,9 +180,10 @@ def _all_in_one(wiring: Wiring) -> _Unit:
 
 
 def _said(wiring: Wiring, said: str) -> str:
-    """Return the name of what a bundle holds without the bundle's; any other as it is."""
+    """Return the box that a bundle holds as that part; any other name as it is."""
     name, _, part = said.partition(".")
-    return part if wiring.boxes[name].holds and part else said
+    box = wiring.boxes[name]
+    return dict(zip(box.parts, box.holds, strict=True))[part] if box.holds and part else said
 
 
 def _reads(wiring: Wiring, box: Box) -> dict[str, str]:

@@ -235,7 +235,7 @@ class Box:
         work: shape of each work array.
         reads: source of each input, "box" or "box.part"; an input that is not listed reads the box of the same name.
         parts: named parts of the output: first index and size of each.
-        holds: names of boxes whose outputs, one after the other, are the output of a box without functions.
+        holds: names of boxes whose outputs, one after the other, are the output of a box without functions: its parts.
         system: a Drake System that plays the box where no element can; only Drake's player can fly such a box.
     """
 

@@ -8,6 +8,7 @@ made = box(1, out, numbers={"gain": 2.0})
 
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from keyword import iskeyword
 from numbers import Integral
 from typing import Any
@@ -15,9 +16,12 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.compiled.digest import plain
-from ortilo_drake.loop.element import Box, Element, Values, kind_of, takes
+from ortilo_drake.loop.calls import PlainCalls
+from ortilo_drake.loop.element import Box, Element, Values, kind_of, outside
+from ortilo_drake.loop.player import Memory
 from ortilo_drake.loop.raised import ElementError
-from ortilo_drake.loop.wiring import check_values
+from ortilo_drake.loop.source import places_of
+from ortilo_drake.loop.wiring import Wiring, check_values
 
 
 def box(
@@ -99,19 +103,14 @@ def output_at_first(its: Box, what: str, sizes: Mapping[str, int]) -> np.ndarray
     Raises:
         ElementError: if the function returns anything.
     """
-    element, given, n = its.element, its.given, np.zeros(1, its.element.dtype).view(np.recarray)[0]
-    if what not in element.functions:
-        return np.array(given.start[element.shows or ""], dtype=float).ravel()
-    for name, value in given.numbers.items():
-        n[name] = value
-    function = element.functions[what]
-    known: dict[str, Any] = {"n": n, "k": 0, "seed": 0, "seeds": np.zeros(1, dtype=np.int64), "out": np.zeros(its.size)}
-    known |= {name: np.array(values, dtype=float) for name, values in given.start.items()}
-    known |= {table.name: np.array(given.tables[table.name], table.kind) for table in element.arrays}
-    known |= {name: np.zeros(shape) for name, shape in its.work.items()}
-    known |= {name: np.zeros(sizes[name]) for name in element.inputs_of(function)}
-    known |= {group.name: group.filled(n, known.__getitem__) for group in element.groups}
-    if function(**{name: known[name] for name in takes(function)}) is not None:
+    if what not in its.element.functions:
+        return np.array(its.given.start[its.element.shows or ""], dtype=float).ravel()
+    element = replace(its.element, step=None) if what == "out" else replace(its.element, out=None)
+    inputs = {name: outside(name, sizes[name]) for name in element.inputs}
+    alone = replace(its, element=element, reads={name: name for name in inputs})
+    wiring = Wiring([alone, *inputs.values()])
+    places = places_of(wiring)
+    memory, said = Memory(wiring, places), places.said[its.name]
+    if PlainCalls(wiring, float).call(alone, what, memory, memory.S, memory.Y, 0) is not None:
         raise ElementError(f"returns something: must write into {'`out`' if what == 'out' else 'its state'} instead")
-    said: np.ndarray = known["out"]
-    return said
+    return said.of(memory.S if said.letter == "S" else memory.Y)

@@ -78,10 +78,9 @@ class Memory:
     def __init__(self, wiring: Wiring, places: Places):
         self.seeds = np.zeros(1, dtype=np.int64)
         self._wiring, self._places = wiring, places
-        numbers, states, work, said, tables = places.sizes
-        self.N, self.S, self.T = np.zeros(numbers, np.uint8), np.zeros(states), np.zeros(tables, np.int64)
+        self.N, self.T = np.zeros(places.sizes["N"], np.uint8), np.zeros(places.sizes["T"], np.int64)
+        self.S, self.W, self.Y = (np.zeros(places.sizes[letter]) for letter in "SWY")
         self._kept = dict[tuple[str, str], np.ndarray]()
-        self.W, self.Y = np.zeros(work), np.zeros(said)
         for name, box in wiring.boxes.items():
             self.put(name, box.given)
 
@@ -122,14 +121,13 @@ class Memory:
         for number, value in given.numbers.items():
             record[number] = value
         for state, value in given.start.items():
-            first, shape = self._places.state[name, state]
-            values = np.asarray(value, dtype=float)
-            if values.shape != shape:
-                raise ValueError(f"{name}: {state}: has the shape {values.shape}, must have {shape}")
-            self.S[first : first + values.size] = values.ravel()
+            place = self._places.arrays[name, state]
+            if np.shape(value) != place.shape:
+                raise ValueError(f"{name}: {state}: has the shape {np.shape(value)}, must have {place.shape}")
+            place.of(self.S)[...] = value
         for table in self._wiring.boxes[name].element.arrays:
             if table.name in given.tables:
                 values = np.ascontiguousarray(given.tables[table.name], dtype=table.kind)
-                first = self._places.tables[name, table.name]
+                first = self._places.arrays[name, table.name].at
                 self._kept[name, table.name] = values
                 self.T[first : first + 1 + table.dimensions] = values.ctypes.data, *values.shape

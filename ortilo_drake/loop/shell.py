@@ -20,7 +20,7 @@ from ortilo_drake.loop.element import OUTSIDE, Values
 from ortilo_drake.loop.player import Memory
 from ortilo_drake.loop.raised import listen, tell
 from ortilo_drake.loop.seeds import seed_of
-from ortilo_drake.loop.source import place_of, places_of
+from ortilo_drake.loop.source import places_of
 from ortilo_drake.loop.wiring import Wire, Wiring
 
 _NOTHING = np.zeros(0)
@@ -75,7 +75,6 @@ def WiredSystem_(T: type) -> type:
             self._given = self.DeclareAbstractParameter(Value[object](memory))
             self._chance: Any = None
             self._ports = {i: self.DeclareVectorInputPort(i, box.size) for i, box in reading.inputs.items()}
-            self._at = {i: (self._places.said[i], box.size) for i, box in reading.inputs.items()}
             if reading.draws:
                 self._chance = self.DeclareVectorInputPort("chance", 1)
                 made = ValueProducer(lambda: Value[object](memory), self._calc_seeded)
@@ -92,7 +91,7 @@ def WiredSystem_(T: type) -> type:
                 self._plain = PlainCalls(wiring, T)
             self._all, self._unsaid = reading.all, [name for name in reading.inputs if name not in reading.all]
             self._groups: dict[frozenset[str], Any] = {}
-            if self._places.sizes[3]:
+            if self._places.sizes["Y"]:
                 for i, needs in enumerate(reading.groups):
                     self._declare_group(i, needs)
             for port, said in outputs.items():
@@ -126,7 +125,7 @@ def WiredSystem_(T: type) -> type:
             cached.set_value(memory)
 
         def _declare_group(self, i: int, needs: frozenset[str]) -> None:
-            size = self._places.sizes[3]
+            size = self._places.sizes["Y"]
 
             def calc(context: Any, cached: Any) -> None:
                 Y = self._groups[frozenset()].Eval(context).copy() if needs else np.full(size, T(0.0))
@@ -138,24 +137,23 @@ def WiredSystem_(T: type) -> type:
             self._groups[needs] = self.DeclareCacheEntry(f"said_{i}", made, self._tickets(needs))
 
         def _declare_output(self, name: str, wires: list[Wire], reading: Reading) -> None:
-            size, places = sum(wire.size for wire in wires), [place_of(self._wiring, self._places, w) for w in wires]
-            if self._state is not None and len(wires) == 1 and places[0][0] == "S" and size == self._places.sizes[1]:
+            size, places = sum(wire.size for wire in wires), [self._places.of(wire) for wire in wires]
+            letters, is_whole = {place.letter for place in places}, len(wires) == 1 and size == self._places.sizes["S"]
+            if self._state is not None and letters == {"S"} and is_whole:
                 self.DeclareStateOutputPort(name, self._state)
                 return
             needs = frozenset().union(*(reading.of(wire.box) for wire in wires))
             needs = needs if needs in self._groups else self._all
             source: Any = self._groups.get(needs)
-            ranges = [(letter == "S", at, at + wire.size) for (letter, at), wire in zip(places, wires, strict=True)]
-            of_state = {is_state for is_state, _, _ in ranges}
 
             def calc(context: Any, output: Any) -> None:
-                Y = source.Eval(context) if False in of_state else _NOTHING
-                S = self._state_in(context) if True in of_state else _NOTHING
-                said = [(S if is_state else Y)[start:end] for is_state, start, end in ranges]
+                Y = source.Eval(context) if "Y" in letters else _NOTHING
+                S = self._state_in(context) if "S" in letters else _NOTHING
+                said = [place.of(S if place.letter == "S" else Y) for place in places]
                 output.SetFromVector(said[0] if len(said) == 1 else np.concatenate(said))
 
             kept = self.all_parameters_ticket() if self._state is None else self.xd_ticket()
-            tickets = self._tickets(needs) if False in of_state else {kept}
+            tickets = self._tickets(needs) if "Y" in letters else {kept}
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=tickets)
 
         def _state_in(self, context: Any) -> Any:
@@ -167,8 +165,7 @@ def WiredSystem_(T: type) -> type:
 
         def _put_inputs(self, context: Any, names: Iterable[str], Y: Any) -> None:
             for name in names:
-                at, size = self._at[name]
-                Y[at : at + size] = self._ports[name].Eval(context)
+                self._places.said[name].of(Y)[:] = self._ports[name].Eval(context)
 
         def _make(self, what: str, context: Any, S: Any, Y: Any) -> None:
             """Make the calls of one kind, on states and on what is said."""
@@ -226,14 +223,12 @@ def WiredSystem_(T: type) -> type:
             if states and self._state is not None:
                 whole = context.get_discrete_state(self._state).CopyToVector()
                 for key, values in states.items():
-                    at, _ = self._places.state[key]
-                    whole[at : at + np.size(values)] = np.ravel(values)
+                    self._places.arrays[key].of(whole)[...] = values
                 context.SetDiscreteState(whole)
 
         def state_of(self, context: Any, box: str, state: str) -> Any:
             """Return a box's state in a context of this system, in its shape."""
-            at, shape = self._places.state[box, state]
-            return self._state_in(context)[at : at + int(np.prod(shape))].reshape(shape).copy()
+            return self._places.arrays[box, state].of(self._state_in(context)).copy()
 
     return Impl
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,66 +10,87 @@ from ortilo_drake.loop.element import Box
 from ortilo_drake.loop.native import native_of, parameters
 from ortilo_drake.loop.wiring import Wire, Wiring
 
-HEAD = '''"""A flight, made by ortilo_drake/loop/source.py: in each tick what is said, what is recorded, and the steps.
+HEAD = '''"""{what}, made by ortilo_drake/loop/source.py.
 
 N, S, W and Y are the addresses of constants, states, room to work in and what is said; T has address and shape of each
-table. A flight ends where {ends} says a cause, a number that is not negative.
+table.
 """
 
 from numba import njit, types
-'''
-
-
-PART_HEAD = '''"""Part of a tick, made by ortilo_drake/loop/source.py; N, S, W, Y and T as in a whole flight."""
-
-from numba import njit, types
 
 '''
+
+
+class Place(NamedTuple):
+    """The place of an array in a flight's memory.
+
+    Attributes:
+        letter: of the memory: states (S), room to work in (W), what is said (Y), tables (T).
+        at: index of its first number; of a table that of its address in T, which its sizes follow.
+        shape: of the array; of a table as its box is given it.
+    """
+
+    letter: str
+    at: int
+    shape: tuple[int, ...]
+
+    def of(self, memory: np.ndarray) -> np.ndarray:
+        """Return the array, a view."""
+        return memory[self.at : self.at + math.prod(self.shape)].reshape(self.shape)
 
 
 @dataclass(frozen=True)
 class Places:
-    """The memory layout of a wiring, box by box: constants in bytes, the rest in numbers of eight bytes.
+    """The memory layout of a wiring, box by box: constants (N) in bytes, the rest in numbers of eight bytes.
 
     Attributes:
         numbers: of each box's record.
-        state: of each state, by box and name: where, and its shape.
-        work: likewise of each room to work in.
-        said: of what each box says, where it does not show a state.
-        tables: first of each table's entries in T, by box and name.
-        sizes: of constants [bytes], states, work, what is said, and T.
+        said: of what each box says.
+        arrays: of each array that a box's functions take, by box and name: its own, `out`, and what it reads.
+        sizes: of each memory, by its letter.
     """
 
     numbers: dict[str, int]
-    state: dict[tuple[str, str], tuple[int, tuple[int, ...]]]
-    work: dict[tuple[str, str], tuple[int, tuple[int, ...]]]
-    said: dict[str, int]
-    tables: dict[tuple[str, str], int]
-    sizes: tuple[int, int, int, int, int]
+    said: dict[str, Place]
+    arrays: dict[tuple[str, str], Place]
+    sizes: dict[str, int]
+
+    def of(self, wire: Wire) -> Place:
+        """Return the place of a wire's source."""
+        said = self.said[wire.box]
+        return Place(said.letter, said.at + wire.first, (wire.size,))
 
 
 def places_of(wiring: Wiring) -> Places:
     """Return the places of all numbers, states, work arrays, outputs and tables of a wiring."""
-    numbers, state, work, said, tables = {}, {}, {}, {}, {}
-    at = [0, 0, 0, 0, 0]
+    places = Places({}, {}, {}, dict.fromkeys("NSWYT", 0))
+
+    def take(letter: str, n: int) -> int:
+        places.sizes[letter] += n
+        return places.sizes[letter] - n
+
     for box in wiring.boxes.values():
-        numbers[box.name] = at[0]
-        at[0] += -(-box.element.dtype.itemsize // 8) * 8  # every record begins where eight bytes may
-        for name, start in box.given.start.items():
-            shape = np.shape(start)
-            state[box.name, name], at[1] = (at[1], shape), at[1] + math.prod(shape)
-        for name, shape in box.work.items():
-            work[box.name, name], at[2] = (at[2], shape), at[2] + math.prod(shape)
-        if not box.element.shows and box.name not in wiring.holders:
-            said[box.name], at[3] = at[3], at[3] + box.size
+        its: dict[str, Place] = {}
+        # Every record begins where eight bytes may.
+        places.numbers[box.name] = take("N", -(-box.element.dtype.itemsize // 8) * 8)
+        its |= {name: Place("S", take("S", np.size(x)), np.shape(x)) for name, x in box.given.start.items()}
+        its |= {name: Place("W", take("W", math.prod(shape)), shape) for name, shape in box.work.items()}
         for table in box.element.arrays:
-            tables[box.name, table.name], at[4] = at[4], at[4] + 1 + table.dimensions
-    for held, holder in wiring.holders.items():
-        said[held] = said[holder] + wiring.boxes[holder].parts[held][0]
-    return Places(numbers, state, work, said, tables, (at[0], at[1], at[2], at[3], at[4]))
+            its[table.name] = Place("T", take("T", 1 + table.dimensions), np.shape(box.given.tables[table.name]))
+        if box.element.shows:
+            places.said[box.name] = its[box.element.shows]._replace(shape=(box.size,))
+        elif box.name not in wiring.holders:
+            places.said[box.name] = Place("Y", take("Y", box.size), (box.size,))
+        places.arrays.update({(box.name, name): place for name, place in its.items()})
+    for box in (box for box in wiring.boxes.values() if box.holds):
+        for held, (first, size) in zip(box.holds, box.parts.values(), strict=True):
+            places.said.setdefault(held, places.of(Wire(box.name, first, size)))
+    places.arrays.update({(name, "out"): place for name, place in places.said.items()})
+    places.arrays.update({reader: places.of(wire) for reader, wire in wiring.wires.items()})
+    return places
 
 
-def line_of(wiring: Wiring, places: Places, box: Box, what: str) -> str:
+def line_of(places: Places, box: Box, what: str) -> str:
     """Return one line of a tick: the call of a box's `out` or `step`."""
     said: list[str] = []
     for name, dimensions, _ in parameters(box.element, box.element.functions[what]):
@@ -78,26 +100,11 @@ def line_of(wiring: Wiring, places: Places, box: Box, what: str) -> str:
             said.append(name)
         elif name == "seeds":
             said.append("seeds.ctypes.data, seeds.shape[0]")
-        elif (box.name, name) in places.tables:
-            at = places.tables[box.name, name]
-            said += [f"T[{at + i}]" for i in range(1 + dimensions)]
-        elif name in box.element.own:
-            where, letter = (places.work, "W") if name in box.work else (places.state, "S")
-            at, shape = where[box.name, name]
-            said += [f"{letter} + {8 * at}", *map(str, shape)]
         else:
-            wire = Wire(box.name, 0, box.size) if name == "out" else wiring.wires[box.name, name]
-            letter, at = place_of(wiring, places, wire)
-            said += [f"{letter} + {8 * at}", str(wire.size)]
+            letter, at, shape = places.arrays[box.name, name]
+            in_memory = [f"{letter} + {8 * at}", *map(str, shape)]
+            said += [f"T[{at + i}]" for i in range(1 + dimensions)] if letter == "T" else in_memory
     return f"{box.name}_{what}({', '.join(said)})"
-
-
-def place_of(wiring: Wiring, places: Places, wire: Wire) -> tuple[str, int]:
-    """Return the place of a wire's source: the array, states (S) or outputs (Y), and the index in it."""
-    shows = wiring.boxes[wire.box].element.shows
-    if shows:
-        return "S", places.state[wire.box, shows][0] + wire.first
-    return "Y", places.said[wire.box] + wire.first
 
 
 def externals(wiring: Wiring) -> str:
@@ -112,9 +119,9 @@ def externals(wiring: Wiring) -> str:
 
 def part_text(wiring: Wiring, places: Places, parts: dict[str, list[tuple[Box, str]]]) -> str:
     """Return the source of functions (N_, S_, W_, Y_, T, seeds, k), by name the calls that each makes."""
-    text = PART_HEAD + externals(wiring)
+    text = HEAD.format(what="Part of a tick") + externals(wiring)
     for name, calls in parts.items():
-        lines = "\n".join(f"    {line_of(wiring, places, box, what)}" for box, what in calls)
+        lines = "\n".join(f"    {line_of(places, box, what)}" for box, what in calls)
         text += f"""
 
 @njit(cache=True, error_model="numpy")
@@ -135,16 +142,16 @@ def flight_text(wiring: Wiring, places: Places, recorded: list[Wire], ends: str)
         recorded: what is written to each row of the trace, one after the other.
         ends: the box whose last number ends the flight where it is not negative.
     """
-    text = HEAD.format(ends=ends) + "\n" + externals(wiring)
-    body = [line_of(wiring, places, box, "out") for box in wiring.out_order]
+    text = HEAD.format(what="A flight, in each tick what is said, what is recorded, and the steps") + externals(wiring)
+    body = [line_of(places, box, "out") for box in wiring.out_order]
     column = 0
     for wire in recorded:
-        letter, at = place_of(wiring, places, wire)
+        letter, at, _ = places.of(wire)
         body += [f"for i in range({wire.size}):", f"    trace[k, {column} + i] = {letter}_[{at} + i]"]
         column += wire.size
-    letter, at = place_of(wiring, places, Wire(ends, wiring.boxes[ends].size - 1, 1))
-    body += [f"if {letter}_[{at}] >= 0.0 or k == last:", "    return k"]
-    body += [line_of(wiring, places, box, "step") for box in wiring.step_order]
+    letter, at, _ = places.of(Wire(ends, wiring.boxes[ends].size - 1, 1))
+    body += [f"if {letter}_[{at}] >= 0.0 or k == last:  # {ends} says a cause", "    return k"]
+    body += [line_of(places, box, "step") for box in wiring.step_order]
     lines = "\n".join(f"        {line}" for line in body)
     return f"""{text}
 

@@ -1,9 +1,9 @@
 """Linearisation of the flying diagram's parts by Drake's automatic differentiation; by hand in closed_forms.py.
 
 At rest Drake's Linearize is used, which refuses a point that is no equilibrium; in motion FirstOrderTaylorApproximation
-is. Both take systems with one group of discrete states and end the Python process on others. The closed loop has two
-(vehicle and filter), so one tick of the whole diagram is differentiated here in the same way, with AutoDiffXd. The
-estimator needs no differentiation: with its gain frozen it is affine.
+is. Both take systems with one input port and one group of discrete states, and end the Python process on others. The
+servo has several ports and the closed loop two groups (vehicle and filter), so these are differentiated here in the
+same way, with AutoDiffXd. The estimator needs no differentiation: with its gain frozen it is affine.
 """
 
 from typing import Any, NamedTuple
@@ -14,9 +14,10 @@ from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.framework import Context, Diagram
 from pydrake.systems.primitives import FirstOrderTaylorApproximation, Linearize
 
-from ortilo_drake.diagrams.linear_loop import make_frozen_filter, make_linear_loop, make_rotors_and_plant, make_servo
+from ortilo_drake.diagrams.linear_loop import make_frozen_filter, make_linear_loop, make_rotors_and_plant
+from ortilo_drake.diagrams.single_parts import make_lq_servo
 from ortilo_drake.model.measurement import Rows
-from ortilo_drake.model.signals import CONTROL_NAMES, INTEGRAL_NAMES, N_I, N_X, REFERENCE_SIZE, STATE_NAMES
+from ortilo_drake.model.signals import CONTROL_NAMES, INTEGRAL_NAMES, N_I, N_X, PAYLOAD, REFERENCE_SIZE, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.units import unit_of
 from ortilo_drake.model.vehicle import mixing_inverse
@@ -172,16 +173,22 @@ def _resting_estimate(scenario: Scenario, x: np.ndarray) -> np.ndarray:
 
 
 def _linear_servo(scenario: Scenario, x: np.ndarray, reference: np.ndarray) -> Linearization:
-    diagram = make_servo(scenario)
     given_truth, told_force = scenario.servo.velocities == "truth", filter_of(scenario).force != "none"
     estimate = (*(f"{name}_hat" for name in STATE_NAMES), *INTEGRAL_NAMES)
     names = (*estimate, *REFERENCE_NAMES, *D * told_force, *STATE_NAMES[6:] * given_truth)
-    context = diagram.CreateDefaultContext()
-    velocities, force = x[6:] if given_truth else x[:0], np.zeros(3 * told_force)
-    values = np.concatenate([_resting_estimate(scenario, x), reference, force, velocities])
-    diagram.get_input_port().FixValue(context, values)
-    system = FirstOrderTaylorApproximation(diagram, context)
-    return _named(system, None, (), names, CONTROL_NAMES)
+    given = {"estimate": _resting_estimate(scenario, x), "reference": reference}
+    given |= {"force": np.zeros(3)} if told_force else {}
+    given |= {"velocity": np.concatenate([np.zeros(PAYLOAD), x[6:]])} if given_truth else {}
+    servo = make_lq_servo(scenario, told_force).ToAutoDiffXd()
+    context, point, start = servo.CreateDefaultContext(), InitializeAutoDiff(np.concatenate([*given.values()])), 0
+    for name, values in given.items():
+        servo.GetInputPort(name).FixValue(context, point[start : start + values.size, 0])
+        start += values.size
+    slopes = ExtractGradient(servo.get_output_port().Eval(context)[:, None])
+    if given_truth:  # the message's flag and stamp are not read
+        slopes = np.delete(slopes, np.s_[start - 6 - PAYLOAD : start - 6], axis=1)
+    no_state = np.zeros((0, 0)), np.zeros((0, len(names))), np.zeros((len(slopes), 0))
+    return _named((*no_state, slopes), None, (), names, CONTROL_NAMES)
 
 
 def _linear_loop(
