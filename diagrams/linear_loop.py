@@ -6,13 +6,13 @@ filter with its gain frozen is an affine system.
 """
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import AffineSystem, MatrixGain
 
 from ortilo_drake.diagrams.wiring.onboard import servo_boxes
 from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.loop.diagram import add_wiring
-from ortilo_drake.loop.element import Box, bundle, constant, outside
+from ortilo_drake.loop.element import bundle, constant, outside
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_I, N_U, N_X, PAYLOAD, REFERENCE_SIZE, STATE_NAMES
 from ortilo_drake.model.vehicle import Vehicle
@@ -32,9 +32,15 @@ def make_rotors_and_plant(vehicle: Vehicle, kinematics: str) -> Diagram:
         control (4): the commanded u.
         state (12, output): x.
     """
-    plant = _plant_boxes(QuadrotorPlant_[float](vehicle, kinematics), "rotors")
-    rotors = system_box("rotors", Rotors_[float](vehicle), ("wrench",), {"control": ("control", N_U)})
-    return _diagram("rotors_and_plant", [*plant, rotors, outside("control", N_U)], 0.0)
+    builder = DiagramBuilder()
+    plant, rotors = (
+        builder.AddSystem(QuadrotorPlant_[float](vehicle, kinematics)),
+        builder.AddSystem(Rotors_[float](vehicle)),
+    )
+    builder.Connect(rotors.get_output_port(), plant.GetInputPort("control"))
+    builder.ExportInput(rotors.get_input_port(), "control")
+    builder.ExportOutput(plant.GetOutputPort("state"), "state")
+    return builder.Build()
 
 
 def make_frozen_filter(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> AffineSystem:
@@ -86,8 +92,8 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
     N, y, rows = len(names), measurement.sizes["y"], measurement.arrival_matrix(delta) @ measurement.layout.C
     columns = list(range(N_X))
     plant = QuadrotorPlant_[float](scenario.vehicle, scenario.world.kinematics, scenario.h)
-    boxes = _plant_boxes(plant, "servo")
-    seen = boxes[:1]
+    signals = {"control": ("servo", N_U), "disturbance": ("calm", 6)}
+    seen = [system_box("plant", plant, ("state",), signals)]
     if set(F) <= set(names):
         B, f_0 = np.eye(3, N_U, -2), np.array([0.0, 0.0, -scenario.vehicle.hover_thrust])  # (f_T - m g) e_z, flown
         zeros, identity = np.zeros((3, 3)), np.eye(3)
@@ -97,7 +103,12 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
     sensors = system_box("sensors", MatrixGain(rows[:, columns]), ("y0",), {"u0": ("seen", len(columns))})
     kalman = make_frozen_filter(scenario, K, delta)
     inputs = ("inputs", y + N_U + REFERENCE_SIZE)
-    boxes = [*seen, *boxes[1:], sensors, system_box("kalman_filter", kalman, ("y0",), {"u0": inputs})]
+    boxes = [
+        *seen,
+        constant("calm", np.zeros(6)),
+        sensors,
+        system_box("kalman_filter", kalman, ("y0",), {"u0": inputs}),
+    ]
     picks = {"estimate": [*range(N_X), *range(N, N + N_I)]} | ({"force": [names.index(d) for d in D]} if extras else {})
     for name, numbers in picks.items():
         pick = MatrixGain(np.eye(N + N_I)[numbers])
@@ -108,20 +119,7 @@ def make_linear_loop(scenario: Scenario, K: np.ndarray, delta: np.ndarray) -> Di
     reference, no_force = outside("reference", REFERENCE_SIZE), constant("no_force", np.zeros(3))
     servo = servo_boxes(scenario.belief, "estimate", "force" if extras else "no_force", {}, None, {})
     boxes += [*servo, reference, no_force, bundle("seen", seen), bundle("inputs", [sensors, servo[-1], reference])]
-    return _diagram("linear_loop", boxes, scenario.h)
-
-
-def _plant_boxes(plant: System, control: str) -> list[Box]:
-    """Return the box of a plant under what another box says, and that of its disturbance, 0."""
-    signals = {"control": (control, N_U), "disturbance": ("calm", 6)}
-    return [system_box("plant", plant, ("state",), signals), constant("calm", np.zeros(6))]
-
-
-def _diagram(name: str, boxes: list[Box], h: float) -> Diagram:
-    """Return a Diagram with the output of the plant's state."""
     builder = DiagramBuilder()
-    added = add_wiring(builder, Wiring(boxes), {"state": "plant"}, h)
+    added = add_wiring(builder, Wiring(boxes), {"state": "plant"}, scenario.h)
     builder.ExportOutput(added.outputs["state"], "state")
-    diagram = builder.Build()
-    diagram.set_name(name)
-    return diagram
+    return builder.Build()

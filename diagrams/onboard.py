@@ -8,10 +8,10 @@
     planner(scenario)                 -> the path as a Trajectory p_WB(t) (3 rows) [m], or a System with output
                                          reference (9)
 
-Each may also have as inputs what the others give (estimate, covariance, control, reference, and force, 0 where no
-estimator knows it) and any message. Such a function may be given to make_closed_loop, or registered and named in the
-scenario by its kind. The System may be a LeafSystem or a Diagram; it sees nothing of the world but messages, and of the
-scenario nothing but the Belief, which leaves out what only the world knows (scenario/belief.py).
+Each may also have as inputs what the others give (estimate, covariance, both as belief (240), control, reference, and
+force, 0 where no estimator knows it) and any message. Such a function may be given to make_closed_loop, or registered
+and named in the scenario by its kind. The System may be a LeafSystem or a Diagram; it sees nothing of the world but
+messages, and of the scenario nothing but the Belief, which leaves out what only the world knows (scenario/belief.py).
 """
 
 from pydrake.trajectories import Trajectory

@@ -9,7 +9,7 @@ from ortilo_drake.diagrams.rendered_camera import add_rendered_camera, move_scen
 from ortilo_drake.diagrams.vehicle import integrated_boxes
 from ortilo_drake.diagrams.wiring.truth import body_of, drawn_values, of_body, payloads_of, true_start, true_vehicle
 from ortilo_drake.diagrams.wiring.world import is_system, sensors_boxes, world_boxes
-from ortilo_drake.loop.diagram import NOTHING, add_wiring
+from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import Values, outside
 from ortilo_drake.loop.seeds import add_chance
 from ortilo_drake.loop.wiring import Wiring
@@ -93,7 +93,7 @@ class World(Diagram):
         if scenario.is_rendered:
             names["seen"] = "camera_clock" if "camera_clock" in wiring.boxes else "plant"
         self._added = add_wiring(
-            builder, wiring, names, scenario.h, NOTHING, fused, {"servo": "control"}, scenario.seed, chance
+            builder, wiring, names, scenario.h, None, fused, {"servo": "control"}, scenario.seed, chance
         )
         outputs = self._added.outputs
         for name in names:

@@ -11,7 +11,7 @@ from pydrake.systems.framework import System
 from pydrake.trajectories import Trajectory
 
 from ortilo_drake.diagrams.wiring.intermittent import filtering_of, intermittent_boxes
-from ortilo_drake.diagrams.wiring.own_part import own_box, own_estimator_boxes, system_estimator_boxes, wired
+from ortilo_drake.diagrams.wiring.own_part import BELIEF, own_box, own_estimator_boxes, system_estimator_boxes, wired
 from ortilo_drake.diagrams.wiring.systems import require_ports, system_box
 from ortilo_drake.diagrams.wiring.tight import tight_boxes
 from ortilo_drake.loop.element import Box, constant, outside
@@ -84,10 +84,9 @@ def onboard_boxes(
     force = next((f"{box.name}.force" for box in estimator if "force" in box.parts), "no_force")
     boxes = [*estimator, *([constant(force, np.zeros(3))] if force == "no_force" else [])]
     signals |= {"estimate": ("belief_parts.estimate", N_XBAR), "covariance": ("belief_parts.covariance", N_XBAR**2)}
-    signals |= {"force": (force, 3)}
+    signals |= {"force": (force, 3), "belief": (belief_in(estimator), BELIEF)}
     if isinstance(plan, Box):
-        says = {"force": force, "reference": "reference", "control": "servo"}
-        boxes += wired("planner", "reference", belief, plan, says, messages, belief_in(estimator))
+        boxes += wired("planner", "reference", belief, plan, signals, messages)
     elif not isinstance(plan, Trajectory):
         boxes.append(system_box("reference", plan, ("reference",), signals))
     elif takes_paths:
@@ -124,7 +123,7 @@ def servo_boxes(
         InputError: if a servo of one's own has not the ports that it needs.
     """
     commands, vehicle, boxes = scenario.commands, scenario.vehicle, list[Box]()
-    reference, present = "reference", belief
+    reference = "reference"
     if commands.are_kept:
         boxes.append(command_log_box(scenario).with_inputs(control="servo", acted="acted_delivered"))
         signals = signals | {"timeline": ("command_log", boxes[-1].size)}
@@ -140,9 +139,8 @@ def servo_boxes(
     if scenario.lends_velocities:
         boxes.append(Box("true_velocity", TRUE_VELOCITY, N_XBAR).with_inputs(belief=belief))
     if not isinstance(scenario.servo, LqServo):
-        says = {"force": force, "reference": reference, "control": "servo"}
-        says |= {"estimate": seen} if seen != present else {}
-        return [*boxes, *wired("servo", "servo", scenario, own_box("servo", scenario), says, messages, present)]
+        signals = signals | ({"estimate": (seen, N_XBAR)} if scenario.lends_velocities else {})
+        return [*boxes, *wired("servo", "servo", scenario, own_box("servo", scenario), signals, messages)]
     if commands.servo == "augmented":
         servo = augmented_servo_box(scenario.servo, vehicle, scenario.h, commands.delay or 0.0)
     else:

@@ -37,13 +37,13 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE, SENSORS
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.belief import together_box, widened_box
-from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.own_box import box_of
 
 BELIEF = N_XBAR + N_XBAR * N_XBAR
 OF_VEHICLE = N_X + N_X * N_X
 SAYS = {"estimator": (BELIEF, OF_VEHICLE), "servo": (N_U,), "planner": (REFERENCE_SIZE,)}
+READS = ("force", "reference", "control", "estimate", "covariance", "belief")  # beside messages
 LATER = {"estimator": ("reference", "control"), "servo": ("control",)}  # of a planner: onboard/planner/planned.py
 
 
@@ -53,12 +53,12 @@ def own_estimator_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages
     What it makes of its messages it does not tell: of its `handler` nothing arrives.
     """
     made = own_box("estimator", belief, xbar_0)
-    says = {"reference": "reference", "control": "servo"}
+    signals = {"reference": ("reference", REFERENCE_SIZE), "control": ("servo", N_U)}
     if made.size == BELIEF:
-        return [silent_handler(belief), *wired("estimator", "filter", belief, made, says, messages)]
+        return [silent_handler(belief), *wired("estimator", "filter", belief, made, signals, messages)]
     made = replace(made, parts={"estimate": (0, N_X), "covariance": (N_X, N_X * N_X)})
     whole = widened_box().with_inputs(estimate="own_filter.estimate", covariance="own_filter.covariance")
-    return [silent_handler(belief), whole, *wired("estimator", "own_filter", belief, made, says, messages)]
+    return [silent_handler(belief), whole, *wired("estimator", "own_filter", belief, made, signals, messages)]
 
 
 def silent_handler(belief: Belief) -> Box:
@@ -104,9 +104,8 @@ def wired(
     name: str,
     scenario: Belief,
     made: Box,
-    says: dict[str, str],
+    signals: dict[str, tuple[str, int]],
     messages: dict[str, Box],
-    belief: str | None = None,
 ) -> list[Box]:
     """Return a part under a name in the wiring, with what it reads and nobody else.
 
@@ -115,9 +114,8 @@ def wired(
         name: in the wiring.
         scenario: that names the part.
         made: the part.
-        says: which box says what the part may read, messages and belief apart.
+        signals: those of READS that it may read, and others, see system_box.
         messages: which box says each sensor's message as it lands.
-        belief: which box says the belief, of which it may read parts; None where it may not.
 
     Raises:
         InputError: if it says or reads what a part of its role does not.
@@ -127,25 +125,17 @@ def wired(
         allowed = " or ".join(map(str, SAYS[role]))
         raise InputError(f"{role}.kind: {kind}: says {made.size} numbers, must say {allowed}")
     added = {sensor: constant(f"{name}_no_{sensor}", np.zeros(PAYLOAD)) for sensor in SENSORS if sensor not in messages}
-    known = {sensor: box.name for sensor, box in messages.items()} | says
-    known |= {sensor: box.name for sensor, box in added.items()}
-    if belief:
-        cut = {part: f"{name}_belief.{part}" for part in ("estimate", "covariance") if part not in known}
-        known |= cut | {"belief": belief}
+    known = {sensor: (box.name, box.size) for sensor, box in messages.items()}
+    known |= {name: signals[name] for name in READS if name in signals}
+    known |= {sensor: (box.name, box.size) for sensor, box in added.items()}
     for what, function in element.functions.items():
         there = [port for port in known if what == "step" or port not in LATER.get(role, ())]
         for port in element.inputs_of(function):
             if port not in there:
                 raise InputError(f"{role}.kind: {kind}: {what} reads {port!r}, must be one of {', '.join(there)}")
-    sizes = {"force": 3, "reference": REFERENCE_SIZE, "control": N_U, "belief": BELIEF}
-    sizes |= {"estimate": N_XBAR, "covariance": N_XBAR * N_XBAR}
-    sizes |= {sensor: box.size for sensor, box in (messages | added).items()}
-    _try_out(made, sizes, f"{role}.kind: {kind}")
-    boxes = [replace(made, name=name, reads={port: known[port] for port in element.inputs})]
-    boxes += [box for port, box in added.items() if port in element.inputs]
-    if belief and any(said.startswith(f"{name}_belief.") for said in boxes[0].reads.values()):
-        boxes.append(parts_box(f"{name}_belief").with_inputs(belief=belief))
-    return boxes
+    _try_out(made, {port: size for port, (_, size) in known.items()}, f"{role}.kind: {kind}")
+    part = replace(made, name=name, reads={port: known[port][0] for port in element.inputs})
+    return [part, *(box for sensor, box in added.items() if sensor in element.inputs)]
 
 
 def _try_out(box: Box, sizes: Mapping[str, int], whose: str) -> None:

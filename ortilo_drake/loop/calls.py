@@ -35,13 +35,11 @@ class Reading:
         for box in wiring.out_order:
             wires = (wiring.wires[box.name, port] for port in box.element.inputs_of(box.element.functions["out"]))
             self.reads[box.name] = frozenset().union(*(self.of(wire.box) for wire in wires))
-        said = [box for box in wiring.out_order if box.element.out]
-        needed = {frozenset(), self.all, *(self.reads[box.name] for box in said)}
+        said = {box.name: self.reads[box.name] for box in wiring.out_order}
         self.groups: dict[frozenset[str], Calls] = {
-            needs: [
-                (box, "out") for box in said if self.reads[box.name] <= needs and (self.reads[box.name] or not needs)
-            ]
-            for needs in sorted(needed, key=sorted)  # in the same order in every process: it is in generated code
+            needs: [(wiring.boxes[name], "out") for name, its in said.items() if its <= needs and (its or not needs)]
+            # In the same order in every process: it is in generated code.
+            for needs in sorted({frozenset(), self.all, *said.values()}, key=sorted)
         }
         self.steps: Calls = [(box, "step") for box in wiring.step_order]
 

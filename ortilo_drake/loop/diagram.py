@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ from ortilo_drake.loop.element import OUTSIDE, Box, Values, outside
 from ortilo_drake.loop.shell import WiredSystem_
 from ortilo_drake.loop.wiring import Wiring
 
-NOTHING: Final[Mapping[str, Any]] = MappingProxyType({})
 FUSED: Final = "elements"  # the name of the system of all elements
 
 
@@ -96,9 +94,9 @@ def add_wiring(
     wiring: Wiring,
     asked: Mapping[str, str | tuple[str, ...]],
     h: float,
-    sources: Mapping[str, OutputPort] = NOTHING,
+    sources: Mapping[str, OutputPort] | None = None,
     fused: bool = False,
-    inputs_named: Mapping[str, str] = NOTHING,
+    inputs_named: Mapping[str, str] | None = None,
     seed: int = 0,
     chance: OutputPort | None = None,
 ) -> Added:
@@ -120,7 +118,7 @@ def add_wiring(
     """
     several = {name: (said,) if isinstance(said, str) else said for name, said in asked.items()}
     shows = {name: tuple(_said(wiring, one) for one in said) for name, said in several.items()}
-    ports, systems, readers = dict(sources), dict[str, Any](), list[tuple[InputPort, str]]()
+    ports, systems, readers = dict(sources or {}), dict[str, Any](), list[tuple[InputPort, str]]()
     for box in wiring.boxes.values():
         if box.system is not None:
             systems[box.name] = builder.AddSystem(box.system)
@@ -154,7 +152,7 @@ def add_wiring(
         elif said in inputs:
             builder.ConnectInput(inputs[said], port)
         else:
-            inputs[said] = builder.ExportInput(port, inputs_named.get(said, said))
+            inputs[said] = builder.ExportInput(port, (inputs_named or {}).get(said, said))
     for port in (port for box in wiring.boxes.values() for port in _unread(box)):
         builder.ExportInput(port, port.get_name())
     outputs |= {name: together(builder, [ports[one] for one in said]) for name, said in apart.items()}
