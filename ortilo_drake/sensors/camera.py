@@ -12,7 +12,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETECTIONS, PAYLOAD
 from ortilo_drake.onboard.detector.detector_network import load_detector
 from ortilo_drake.onboard.landmarks.fix_element import ELEMENTS, camera_fix_box
-from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
+from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix, as_known
 from ortilo_drake.scenario import Belief, Scenario
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.sensors import camera_theory
@@ -24,14 +24,9 @@ from ortilo_drake.world.sensors.camera_calibration import load_calibration
 from ortilo_drake.world.sensors.projected_camera import camera_box
 
 
-def as_known(scenario: Belief, room: Room) -> Room:
-    """Return the room as known onboard: with the landmarks' outlines, or only with their sizes."""
-    return room if scenario.landmark_fix.shapes == "outlines" else room.model_copy(update={"landmark_outline": {}})
-
-
 def make_solver(scenario: Belief, room: Room) -> LandmarkFix:
     """Return the landmark fix as a System."""
-    return LandmarkFix(scenario.landmark_fix, as_known(scenario, room), scenario.image_width, scenario.h)
+    return LandmarkFix(scenario.landmark_fix, as_known(scenario.landmark_fix, room), scenario.image_width, scenario.h)
 
 
 def believed_V(scenario: Belief) -> np.ndarray | None:
@@ -50,7 +45,7 @@ def solver(scenario: Belief, room: Room) -> Box | None:
     if scenario.landmark_fix.method not in ELEMENTS:
         return None
     period = scenario.every("camera") * scenario.h
-    return camera_fix_box(scenario.landmark_fix, as_known(scenario, room), scenario.image_width, period)
+    return camera_fix_box(scenario.landmark_fix, as_known(scenario.landmark_fix, room), scenario.image_width, period)
 
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Values]:

@@ -15,7 +15,7 @@ from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, MAX_DETECTIONS, 
 from ortilo_drake.onboard.detector.detector import detections_message
 from ortilo_drake.onboard.estimator.filter_model import filter_of
 from ortilo_drake.onboard.landmarks.landmark_bank import REPEATS
-from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix
+from ortilo_drake.onboard.landmarks.landmark_fix import LandmarkFix, as_known
 from ortilo_drake.onboard.ranging.survey_bank import MEMORY
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.imu import attitude_covariance
@@ -62,7 +62,7 @@ def _landmark_fix(scenario: Scenario) -> LandmarkFix:
     settings = scenario.landmark_fix
     if settings.survey_bank is not None:
         settings = settings.model_copy(update={"survey_bank": None, "survey_sd": 0.0})
-    return LandmarkFix(settings, scenario.load_room(), scenario.image_width, scenario.h)
+    return LandmarkFix(settings, as_known(settings, scenario.load_room()), scenario.image_width, scenario.h)
 
 
 def likely_views(scenario: Scenario, room: Room, x: np.ndarray) -> list[tuple[int, int, list[float]]]:

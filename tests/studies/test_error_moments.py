@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD
 from ortilo_drake.onboard.ranging.survey_bank import log_likelihood
 from ortilo_drake.scenario import load_scenario
+from ortilo_drake.sensors import camera
+from ortilo_drake.sensors.camera_theory import likely_detections
 from ortilo_drake.sensors.described import as_learned
+from ortilo_drake.sensors.imu import attitude_covariance
 from ortilo_drake.sensors.learned_survey import mean_log_likelihood, share_learned
 from ortilo_drake.sensors.unknown_error import walk
 from ortilo_drake.studies.command_link.command_flights import command_cases, command_flights, hover_V
@@ -80,11 +84,26 @@ def test_a_camera_fix_goes_with_the_camera_and_against_the_landmarks() -> None:
     settings = ("camera.kind=projected", "truth.survey.landmarks=[0.02, 0.02, 0.02]", "truth.camera.position_sd=0.01")
     scenario = load_scenario("nominal_imu_uwb_yolo", settings)
     measurement = filter_measurement(scenario)
-    camera = measurement.rows_of("camera")
-    seen = [C[camera][:3] for error, C in errors_of_rows(scenario, measurement, AT) if error.sd.any()]
+    rows = measurement.rows_of("camera")
+    seen = [C[rows][:3] for error, C in errors_of_rows(scenario, measurement, AT) if error.sd.any()]
     landmarks, mounting = seen
     np.testing.assert_allclose(landmarks, -np.eye(3), atol=0.03)
     np.testing.assert_allclose(mounting, np.eye(3), atol=0.03)
+
+
+def test_a_fix_of_landmarks_known_by_their_sizes_has_the_onboard_solvers_covariance() -> None:
+    by_sizes, by_outlines = (
+        load_scenario("realistic", ("camera.kind=projected", f"landmark_fix={{shapes: {its}, center_growth: 0.14}}"))
+        for its in ("boxes", "outlines")
+    )
+    room, P = by_sizes.load_room(), np.zeros((15, 15))
+    P[3:6, 3:6] = attitude_covariance(by_sizes)
+    boxes = likely_detections(by_sizes, room, AT)
+    onboard = camera.make_solver(by_sizes, room).fix_at(boxes, np.append(AT, np.zeros(3)), P.ravel())
+    found, other = camera.covariance(by_sizes, room, AT), camera.covariance(by_outlines, room, AT)
+    np.testing.assert_array_equal(np.ravel(found), onboard[PAYLOAD + 3 :])
+    assert onboard[ARRIVED]
+    assert np.trace(found) > 1.05 * np.trace(other)  # which is another covariance
 
 
 def test_fewer_errors_have_the_same_covariance() -> None:

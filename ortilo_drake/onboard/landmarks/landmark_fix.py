@@ -30,6 +30,11 @@ METHODS: Final[dict[str, Callable[..., Solution]]] = {
 }
 
 
+def as_known(settings: LandmarkFixSettings, room: Room) -> Room:
+    """Return the room as known onboard: with the landmarks' outlines, or only with their sizes."""
+    return room if settings.shapes == "outlines" else room.model_copy(update={"landmark_outline": {}})
+
+
 class LandmarkFix(LeafSystem):
     """A system that solves boxes for a fix, with the estimate of the same tick, xhat(k|k-1).
 
