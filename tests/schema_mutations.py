@@ -193,11 +193,10 @@ def bounds(schema: Schema, root: Schema) -> list[float]:
 
 
 def misspelt(word: str, rng: np.random.Generator) -> str:
-    """Return a word with one letter lost, one letter doubled, or cut off behind two swapped letters."""
+    """Return a word with one letter lost, one letter doubled, or two letters swapped."""
     i = int(rng.integers(max(1, len(word))))
-    return (word[:i] + word[i + 1 :], word[: i + 1] + word[i:], word[: i - 1] + word[i:i] + word[i - 1 : i + 1][::-1])[
-        int(rng.integers(3))
-    ] or "x"
+    swapped = word[: i - 1] + word[i - 1 : i + 1][::-1] + word[i + 1 :] if i else word[::-1]
+    return (word[:i] + word[i + 1 :], word[: i + 1] + word[i:], swapped)[int(rng.integers(3))] or "x"
 
 
 def filled(schema: Schema, root: Schema, rng: np.random.Generator) -> Any:

@@ -47,7 +47,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
         if id(function) not in seen and not function.__module__.startswith(LIBRARIES):
             seen.add(id(function))
             yield f"{function.__module__}.{function.__qualname__}"  # numba's cache holds the module's name too
-            yield from _of_code(function.__code__)
+            yield from _of_code(function.__code__, function.__doc__)
             for default in (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()):
                 yield from _parts(default, seen)
             for name, used in _used(function):
@@ -65,13 +65,13 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
         yield repr(value) if is_plain else ""
 
 
-def _of_code(code: CodeType) -> Iterator[str]:
+def _of_code(code: CodeType, docstring: str | None = None) -> Iterator[str]:
     yield code.co_code.hex()
     yield repr(code.co_names)
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             yield from _of_code(constant)
-        else:
+        elif docstring is None or constant is not docstring:
             yield repr(sorted(constant, key=repr) if isinstance(constant, frozenset) else constant)
 
 

@@ -14,7 +14,8 @@ from ortilo_drake.compiled.digest import digest_of, modules_of
 from ortilo_drake.loop.native import native_of
 
 HELPER = "def twice(x):\n    return {factor} * x\n"
-CALLER = "from helper_of_{name} import twice\n\ndef f(x, out):\n    {comment}\n    out[0] = twice(x[0])\n"
+CALLER = "from helper_of_{name} import twice\n\ndef f(x, out):\n"
+CALLER += "    '{comment}'\n    # {comment}\n    out[0] = twice(x[0])\n"
 
 
 def module(folder: Path, name: str, text: str) -> ModuleType:
@@ -35,10 +36,10 @@ def digest_with(folder: Path, name: str, factor: str, comment: str) -> str:
     return digest_of(module(folder, f"caller_{name}", CALLER.format(name=name, comment=comment)).f)
 
 
-def test_a_changed_callee_changes_it_and_a_comment_does_not(tmp_path: Path) -> None:
-    first = digest_with(tmp_path / "a", "x", "2.0", "# once")
-    assert digest_with(tmp_path / "b", "x", "2.0", "# twice") == first
-    assert digest_with(tmp_path / "c", "x", "3.0", "# once") != first
+def test_a_changed_callee_changes_it_and_a_comment_or_docstring_does_not(tmp_path: Path) -> None:
+    first = digest_with(tmp_path / "a", "x", "2.0", "once")
+    assert digest_with(tmp_path / "b", "x", "2.0", "twice") == first
+    assert digest_with(tmp_path / "c", "x", "3.0", "once") != first
 
 
 def test_values_change_it() -> None:
