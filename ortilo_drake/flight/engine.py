@@ -7,6 +7,7 @@ from functools import cached_property, partial
 
 import numpy as np
 import xarray as xr
+from numba import types
 
 from ortilo_drake.diagrams.wiring.truth import drawn_values, normals_at_start
 from ortilo_drake.diagrams.wiring.whole import boxes_of, signals_of, why_not
@@ -22,6 +23,7 @@ from ortilo_drake.flight.figures import (
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost, bounds_of
+from ortilo_drake.loop.inlined import helpers_only_linked
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.typed_yaml import InputError
@@ -101,6 +103,8 @@ class Engine:
     def figures(self, seeds: Sequence[int], threads: int = 1) -> np.ndarray:
         """Fly n seeds on `threads` threads, and return the figures of each flight (n, columns)."""
         found = np.empty((len(seeds), len(self.columns)))
+        with helpers_only_linked():
+            figures_of.compile((types.float64[:, ::1], types.float64[:, ::1], types.float64[::1]))
         to_fly = iter(range(len(seeds)))
 
         def work() -> None:

@@ -8,6 +8,7 @@ from numba.extending import register_jitable
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.flight.lost import Bounds, cause_of_loss
 from ortilo_drake.loop.element import Box, Element
+from ortilo_drake.loop.inlined import Calling
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.ranging.range_equations import inverse, product
@@ -163,7 +164,7 @@ def is_finite(row: np.ndarray, size: int) -> bool:
     return math.isfinite(total)
 
 
-@cached_njit(nogil=True)
+@cached_njit(nogil=True, pipeline_class=Calling)
 def figures_of(trace: np.ndarray, path: np.ndarray, out: np.ndarray) -> None:
     """Write the errors of a flight, all FIGURES but the first two, to `out` (10).
 

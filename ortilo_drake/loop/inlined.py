@@ -109,18 +109,25 @@ class CallOnlyLinked(FunctionPass):
         return bool(called)
 
 
-class Inlined(CompilerBase):
-    """numba's compiler, with that library."""
+class Calling(CompilerBase):
+    """numba's compiler, of a function that Python calls and that calls others in that form."""
 
-    library = OnlyLinked
+    library: Any = None
 
     def define_pipelines(self) -> list[Any]:
-        """Return numba's passes, and before the lowering that one."""
+        """Return numba's passes, and before the lowering that of the library."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
         passes.add_pass_after(CallOnlyLinked, TranslateByteCode)
-        passes.add_pass_after(KeepLowered, AnnotateTypes)  # the last one before the lowering
+        if self.library:
+            passes.add_pass_after(KeepLowered, AnnotateTypes)  # the last one before the lowering
         passes.finalize()
         return [passes]
+
+
+class Inlined(Calling):
+    """The same, of a function that is only linked itself."""
+
+    library = OnlyLinked
 
 
 class Linked(Inlined):
