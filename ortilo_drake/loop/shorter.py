@@ -4,20 +4,23 @@ Each took between a fiftieth and a fifth of the time. They are lent to numba whi
 """
 
 import gc
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from types import SimpleNamespace
 from typing import Any, Final
 
-from numba.core import errors, ir, types
+from numba.core import base, errors, event, ir, postproc, target_extension, transforms, types, utils
 from numba.core.compiler import Flags
 from numba.core.runtime.context import NRTContext
+from numba.core.types import functions
 from numba.core.typing.npydecl import NumpyRulesArrayOperator
 from numba.extending import overload
 from numba.np import arrayobj
 
 DEFAULTS = {name: option.default for name, option in Flags.options.items()}
+HASH = hash(Flags())  # that of the options' names
+TYPED, PREPARED = functions.BaseFunction.get_call_type, postproc.PostProcessor.run
 OF_ARRAYS, HOLDERS = NumpyRulesArrayOperator.generic, NRTContext.get_meminfos
 
 
@@ -32,10 +35,10 @@ def variables_in(code: ir.Inst, value: Any) -> list[ir.Var]:
         return [value]
     if isinstance(value, ir.Inst):
         return list(value.list_vars())
-    if not isinstance(value, list | tuple | Mapping):
+    if not isinstance(value, (list, tuple, dict)):
         return []
     found = list[ir.Var]()
-    for its in value.values() if isinstance(value, Mapping) else value:
+    for its in value.values() if isinstance(value, dict) else value:
         if type(its) is ir.Var:
             found.append(its)
         elif type(its) is not ir.Loc and type(its) is not str:
@@ -48,6 +51,51 @@ def of_arrays(operator: NumpyRulesArrayOperator, args: tuple[types.Type, ...], k
     return (
         None if all(isinstance(its, types.Number | types.Boolean) for its in args) else OF_ARRAYS(operator, args, kws)
     )
+
+
+def prepared(code: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
+    """Prepare a function's code as PostProcessor.run does; where its variables live is found when it is asked for."""
+    its = code.func_ir
+    if its.is_generator:
+        PREPARED(code, emit_dels, extend_lifetimes)
+        return
+    its.blocks = transforms.canonicalize_cfg(its.blocks)
+    its.variable_lifetime, its.generator_info = postproc.VariableLifetime(its.blocks), None
+    if emit_dels:
+        code._insert_var_dels(extend_lifetimes=extend_lifetimes)
+
+
+def equal(flags: Flags, other: Any) -> bool:
+    """Return whether options are the same, at once where the same ones are set."""
+    return isinstance(other, Flags) and (flags._values == other._values or flags.values() == other.values())
+
+
+def heard(tell: Callable[..., None], kind: str, *of: Any, **more: Any) -> None:
+    """Tell an event's listeners, but for those that numba has to time LLVM: it has many, of many events."""
+    if kind != "numba:llvm_lock":
+        tell(kind, *of, **more)
+
+
+def type_of_call(function: functions.BaseFunction, context: Any, args: Any, kws: dict[str, types.Type]) -> Any:
+    """Return the signature of a call; the template that took these types before is tried at once, not all in order."""
+    if not kws:
+        taken, key = vars(function).setdefault("_taken", {}), tuple(args)
+        tried = [taken[key]] if key in taken else []
+        if not tried:
+            target = target_extension.get_local_target(context)
+            order = utils.order_by_target_specificity(target, function.templates, fnkey=function.key[0])
+            tried = [(its, its.prefer_literal is prefers) for its in order for prefers in (True, False)]
+        for template, literal in tried:
+            its = template(context)
+            try:
+                found = its.apply(key if literal else tuple(map(functions._unlit_non_poison, key)), kws)
+            except errors.NumbaError:
+                continue
+            if found is not None:
+                function._impl_keys[found.args] = its.get_impl_key(found)
+                taken[key] = template, literal
+                return found
+    return TYPED(function, context, args, kws)  # raises an error, which tells all that it tried
 
 
 @cache
@@ -77,6 +125,13 @@ def _compiled_shapes_differ(source: Any, target: Any) -> Callable[[Any, Any], No
 
 LENT: Final = (
     (Flags, "values", values_of),
+    (Flags, "__eq__", equal),
+    (Flags, "__hash__", lambda flags: HASH),
+    (event, "start_event", partial(heard, event.start_event)),
+    (event, "end_event", partial(heard, event.end_event)),
+    (functions.BaseFunction, "get_call_type", type_of_call),
+    (postproc.PostProcessor, "run", prepared),
+    (base, "_has_loc", lru_cache(1000)(base._has_loc)),
     (ir.Inst, "_rec_list_vars", variables_in),
     (NumpyRulesArrayOperator, "generic", of_arrays),
     (NRTContext, "get_meminfos", holders_in),
@@ -88,10 +143,11 @@ LENT: Final = (
 @contextmanager
 def shorter_ways() -> Iterator[None]:
     """Lend numba these ways, and look for no unused cycles meanwhile."""
-    usual = [(owner, name, getattr(owner, name)) for owner, name, _ in LENT]
+    lent = [its for its in LENT if hasattr(its[0], its[1])]  # numba's versions differ
+    usual = [(owner, name, getattr(owner, name)) for owner, name, _ in lent]
     collects = gc.isenabled()
     gc.disable()
-    for owner, name, shorter in LENT:
+    for owner, name, shorter in lent:
         setattr(owner, name, shorter)
     try:
         yield

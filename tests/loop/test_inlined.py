@@ -1,17 +1,22 @@
 """Helpers that are compiled for their callers alone: they compute the same, and numba's own way comes back."""
 
 import gc
+import math
 import sys
+from operator import add
 
 import numpy as np
 import pytest
 from numba import njit, types
 from numba.core.compiler import Flags, run_frontend
+from numba.core.errors import TypingError
+from numba.core.event import install_recorder
+from numba.core.registry import cpu_target
 from numba.core.target_extension import jit_registry, target_registry
 from numba.extending import register_jitable
 
 from ortilo_drake.loop.inlined import Inlined, OnlyLinked, helpers_only_linked
-from ortilo_drake.loop.shorter import LENT, shorter_ways, values_of
+from ortilo_drake.loop.shorter import LENT, shorter_ways
 
 
 @register_jitable
@@ -86,12 +91,15 @@ def test_a_slice_is_assigned_without_text_and_one_of_another_shape_is_refused_as
 
 
 def test_numbas_options_are_what_its_own_properties_say() -> None:
-    flags = Flags()
+    flags, default = Flags(), Flags()
     flags.nrt = flags.forceinline = True
-    assert values_of(flags) == {name: getattr(flags, name) for name in Flags.options}
-    with helpers_only_linked():
+    default.nrt = Flags().nrt
+    own = {name: getattr(flags, name) for name in Flags.options}, hash(flags)
+    with shorter_ways():
+        assert (flags.values(), hash(flags)) == own
         assert flags == flags.copy()
         assert flags != Flags()
+        assert default == Flags()
 
 
 def sum_of_scaled(a: np.ndarray, pairs: tuple[tuple[float, np.ndarray], ...], k: int) -> float:
@@ -122,3 +130,49 @@ def test_numbers_and_arrays_are_typed_and_counted_the_same_in_shorter_ways() -> 
     for _ in range(100):
         shorter(a, ((0.3, held), (1.7, a)), 1)
     assert sys.getrefcount(held) == 2
+
+
+def growing(a: np.ndarray, k: int) -> float:
+    total = scale = 1.0
+    while total < 5.0:
+        unused = total
+        for i in range(k):
+            scale = a[i] if a[i] > scale else unused
+            total += scale
+    return total + scale
+
+
+@pytest.mark.parametrize("dels", [False, True])
+def test_code_is_prepared_as_numba_prepares_it(dels: bool) -> None:
+    own = run_frontend(growing, emit_dels=dels)
+    with shorter_ways():
+        its = run_frontend(growing, emit_dels=dels)
+    assert its.dump_to_string() == own.dump_to_string()
+    assert its.variable_lifetime.livemap == own.variable_lifetime.livemap
+
+
+@pytest.mark.parametrize("function", [add, pow, math.sqrt, abs, np.zeros])
+def test_a_call_has_the_type_that_numba_finds_also_when_it_is_typed_again(function: object) -> None:
+    vector, two, context = types.float64[::1], types.literal(2), cpu_target.typing_context
+    asked = [(types.float64,), (two,), (types.float64, two), (two, types.int32), (vector, two), (vector, vector)]
+    context.refresh()
+    its = context.resolve_value_type(function)
+
+    def found(args: tuple[types.Type, ...]) -> object:
+        try:
+            return its.get_call_type(context, args, {})
+        except TypingError:
+            return None
+
+    own = [found(args) for args in asked]
+    assert any(own)
+    assert not all(own)
+    with shorter_ways():
+        assert [found(args) for args in asked * 2] == own * 2
+
+
+def test_listeners_hear_that_passes_run_but_not_each_call_of_llvm() -> None:
+    with shorter_ways(), install_recorder("numba:run_pass") as passes, install_recorder("numba:llvm_lock") as calls:
+        njit("float64(float64)")(shared.py_func)
+    assert passes.buffer
+    assert not calls.buffer
