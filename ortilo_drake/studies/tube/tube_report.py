@@ -55,7 +55,7 @@ def why_no_tube(scenario: Scenario) -> str | None:
     if scenario.lends_velocities:
         return "the servo is given the true velocities, and the tube is that of a servo fed by the filter"
     if any(scenario.world.drag):
-        return "its vehicle has no drag, as the filter's has none (world.drag)"
+        return "the tube is that of a vehicle without drag, and world.drag is not 0"
     links = [scenario.link_of(sensor) for sensor in scenario.sensors]
     return "delays are drawn at random" if any(link.random_delay for link in links) else None
 
