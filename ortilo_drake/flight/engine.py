@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numba import types
 
+from ortilo_drake.compiled.inlined import helpers_only_linked
 from ortilo_drake.diagrams.wiring.truth import drawn_values, normals_at_start
 from ortilo_drake.diagrams.wiring.whole import boxes_of, signals_of, why_not
 from ortilo_drake.flight.figures import (
@@ -23,7 +24,6 @@ from ortilo_drake.flight.figures import (
 from ortilo_drake.flight.flight import flight_dataset
 from ortilo_drake.flight.flyable import check_flyable
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost, bounds_of
-from ortilo_drake.loop.inlined import helpers_only_linked
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.typed_yaml import InputError

@@ -6,9 +6,9 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.compiled.cached import cached_njit
+from ortilo_drake.compiled.inlined import Calling
 from ortilo_drake.flight.lost import Bounds, cause_of_loss
 from ortilo_drake.loop.element import Box, Element
-from ortilo_drake.loop.inlined import Calling
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_XBAR
 from ortilo_drake.onboard.ranging.range_equations import inverse, product

@@ -3,9 +3,8 @@
 element.py    an element: one box of the block diagram, as two small functions
 own.py        boxes of plain functions and values, for your own parts
 wiring.py     which box reads which, and the resulting order of calls in a tick
+raised.py     errors that functions of your own raise in flight
 native.py     an element's functions as compiled code with a C interface
-generated.py  generated modules and the folder that keeps them
-addresses.py  arrays and records at an address, for compiled code
 source.py     a tick of a wiring as straight-line source text
 player.py     flights of a wiring, compiled
 calls.py      the calls of a part of a tick, to compiled functions or to plain source

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ortilo_drake.compiled.digest import digest_of
+from ortilo_drake.compiled.generated import load
 from ortilo_drake.loop.element import OUTSIDE, Box, takes
-from ortilo_drake.loop.generated import load
 from ortilo_drake.loop.native import native_of
 from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.loop.player import Memory

@@ -23,9 +23,9 @@ from numba import njit
 from numba.core.errors import NumbaError
 
 from ortilo_drake.compiled.digest import digest_of, modules_of, plain
+from ortilo_drake.compiled.generated import load
+from ortilo_drake.compiled.inlined import OPTIONS, Inlined, helpers_only_linked
 from ortilo_drake.loop.element import Array, Element, Group, Number, takes
-from ortilo_drake.loop.generated import load
-from ortilo_drake.loop.inlined import OPTIONS, Inlined, helpers_only_linked
 from ortilo_drake.loop.raised import ElementError, places_in
 
 _KINDS = {"f8": "types.float64", "i8": "types.int64", "u8": "types.uint64", "b1": "types.boolean"}
@@ -75,7 +75,7 @@ def native_text(element: Element) -> str:
     """Return the source of an element's functions with a C interface."""
     text = f'"""{element.name}, made by ortilo_drake/loop/native.py."""\n\n'
     text += "import numpy as np\nfrom numba import cfunc, from_dtype, types\n"
-    text += "from ortilo_drake.loop.addresses import array_at, record_at\n\n"
+    text += "from ortilo_drake.compiled.addresses import array_at, record_at\n\n"
     fields = [(number.name, number.kind, number.shape) for number in element.constants] or [("nothing", "f8", ())]
     text += f"record = types.CPointer(from_dtype(np.dtype({fields!r}, align=True)))\n"
     without = "" if element.allocates else ", _nrt=False"

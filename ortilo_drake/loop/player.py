@@ -6,9 +6,9 @@ import numpy as np
 from numba import typeof
 
 from ortilo_drake.compiled.digest import digest_of
+from ortilo_drake.compiled.generated import load
+from ortilo_drake.compiled.inlined import helpers_only_linked
 from ortilo_drake.loop.element import Values
-from ortilo_drake.loop.generated import load
-from ortilo_drake.loop.inlined import helpers_only_linked
 from ortilo_drake.loop.raised import listen, tell
 from ortilo_drake.loop.source import Places, flight_text, places_of
 from ortilo_drake.loop.wiring import Wiring

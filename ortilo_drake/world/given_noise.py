@@ -16,7 +16,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, register_jitable
 
-from ortilo_drake.loop.addresses import array_at
+from ortilo_drake.compiled.addresses import array_at
 
 MOST = 4096  # most streams in a directory
 _RECORD = 3

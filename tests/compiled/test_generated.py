@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from ortilo_drake.loop import generated
-from ortilo_drake.loop.generated import clear, load
+from ortilo_drake.compiled import generated
+from ortilo_drake.compiled.generated import clear, load
 
 TEXT = """from numba import njit
 

@@ -21,7 +21,7 @@ from numba.core.target_extension import jit_registry, target_registry
 from numba.core.typed_passes import AnnotateTypes
 from numba.core.untyped_passes import TranslateByteCode
 
-from ortilo_drake.loop.shorter import shorter_ways
+from ortilo_drake.compiled.shorter import shorter_ways
 
 NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 OPTIONS = {"forceinline": True, **NO_WRAPPERS}

@@ -15,8 +15,8 @@ from numba.core.registry import cpu_target
 from numba.core.target_extension import jit_registry, target_registry
 from numba.extending import register_jitable
 
-from ortilo_drake.loop.inlined import Inlined, OnlyLinked, helpers_only_linked
-from ortilo_drake.loop.shorter import LENT, shorter_ways
+from ortilo_drake.compiled.inlined import Inlined, OnlyLinked, helpers_only_linked
+from ortilo_drake.compiled.shorter import LENT, shorter_ways
 
 
 @register_jitable
