@@ -32,11 +32,11 @@ class Player:
         self.wiring, self._places = wiring, places_of(wiring)
         wires = [wiring.wire(name, "recorded") for name in recorded]
         self.width = sum(wire.size for wire in wires)
-        self._memory = Memory(wiring, self._places)
+        self._memory = its = Memory(wiring, self._places)
         with helpers_only_linked():  # once for all elements: numba's unused cycles are looked for at its end
             self.text = flight_text(wiring, self._places, wires, ends)
             self._fly: Any = load(f"flight_{digest_of(self.text)}", self.text, {}).fly
-            self._fly.compile(tuple(map(typeof, (*self._memory.passed, self._memory.seeds, self.rows(1)))))
+            self._fly.compile(tuple(map(typeof, (its.N, its.S, its.W, its.Y, its.T, its.seeds, self.rows(1)))))
 
     def rows(self, ticks: int) -> np.ndarray:
         """Return room for what is kept of so many ticks (ticks, width)."""
@@ -60,7 +60,7 @@ class Player:
         for name, given in drawn.items():
             memory.put(name, given)
         listen()
-        last = int(self._fly(*memory.passed, seeds, trace))
+        last = int(self._fly(memory.N, memory.S, memory.W, memory.Y, memory.T, seeds, trace))
         tell(self.wiring.boxes.values())
         return last
 
@@ -87,11 +87,6 @@ class Memory:
         self._kept = dict[tuple[str, str], np.ndarray]()
         for name, box in wiring.boxes.items():
             self.put(name, box.given)
-
-    @property
-    def passed(self) -> tuple[np.ndarray, ...]:
-        """What a flight is passed: N, S, W, Y and T."""
-        return self.N, self.S, self.W, self.Y, self.T
 
     def copy(self) -> "Memory":
         """Return the memory of another flight: what is constant in both is shared."""
