@@ -23,7 +23,8 @@ class Wiring:
 
     Raises:
         ValueError: if two boxes have the same name, an input reads a box or part that does not exist, a value has a
-            reserved name, a box shows no state of its output's size, or outputs read one another in a loop.
+            reserved name, a box shows no state of its output's size or is held by another one as well, or outputs read
+            one another in a loop.
     """
 
     def __init__(self, boxes: list[Box]):
@@ -33,6 +34,9 @@ class Wiring:
         for box in boxes:
             check_values(box)
         self.holders = {held: box.name for box in boxes for held in box.holds}
+        for held, holder in self.holders.items():
+            if self.boxes[self.wire(held, holder).box].element.shows:
+                raise ValueError(f"{holder}: holds '{held}', which shows a state: must be a box with an `out`")
         self.wires = {
             (box.name, port): self.wire(box.reads.get(port, port), f"{box.name}: {port}")
             for box in boxes

@@ -8,7 +8,7 @@ import pytest
 from small_loop import boxes
 
 from ortilo_drake.loop.calls import Reading
-from ortilo_drake.loop.element import Box, Element, Values, outside
+from ortilo_drake.loop.element import Box, Element, Values, bundle, outside
 from ortilo_drake.loop.wiring import Wiring
 
 
@@ -40,6 +40,7 @@ def test_what_depends_on_which_inputs_has_an_order_of_its_own_in_every_process()
         ([*boxes(), boxes()[0]], "wiring: two boxes have one name among gain, gain, mass, sensor, watch"),
         (with_("watch", reads={"x": "masss"}), "watch: x: reads 'masss', must be one of gain, mass, sensor, watch"),
         (with_("gain", reads={"y": "sensor.z"}), "gain: y: reads 'sensor.z', must be a part of it: y"),
+        ([*boxes(), bundle("all", boxes()[2:])], "all: holds 'mass', which shows a state: must be a box with an `out`"),
         (with_("mass", given=Values({"h": 0.1})), "mass: shows 'x', must be one of its states: []"),
         (with_("mass", given=Values({"h": 0.1}, {"x": np.zeros(3)})), "mass: x: has 3 numbers, must have 2"),
     ],
