@@ -137,15 +137,16 @@ class Linked(Inlined):
 
 
 @contextmanager
-def helpers_only_linked() -> Iterator[None]:
+def helpers_only_linked(checks: bool = False) -> Iterator[None]:
     """Compile what is register_jitable, and NumPy's functions as numba has them, in the same way meanwhile.
 
-    Python cannot call what numba makes of them, only its callers' code can.
+    Python cannot call what numba makes of them, only its callers' code can. They check indices where `checks` is true:
+    numba hands its other options from a caller to what it calls, but not this one.
     """
     processor = target_registry["cpu"]
     with global_compiler_lock:
         usual = jit_registry.pop(processor)  # only what is not there can be set
-        jit_registry[processor] = partial(usual, pipeline_class=Inlined, **OPTIONS)
+        jit_registry[processor] = partial(usual, pipeline_class=Inlined, boundscheck=checks or None, **OPTIONS)
         try:
             with shorter_ways():
                 yield

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -27,7 +28,7 @@ from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost, bounds_of
 from ortilo_drake.loop.player import Player
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import Scenario, with_seed
+from ortilo_drake.scenario import Scenario, load_scenario, with_seed
 from ortilo_drake.world.drawn_truth import AtStart, of_seed
 from ortilo_drake.world.given_noise import GivenNoise
 
@@ -43,7 +44,7 @@ class Engine:
     of the scenario is no element (see why_not), or if the scenario cannot be flown.
 
     Args:
-        scenario: the scenario; its own seed is not used.
+        scenario: a ready-made scenario's name, a .yaml file, or a Scenario; its own seed is not used.
 
     Attributes:
         columns: names of the figures of a flight: FIGURES of figures.py, then two for each sensor that flies, the
@@ -52,7 +53,8 @@ class Engine:
         h: length of a tick [s].
     """
 
-    def __init__(self, scenario: Scenario):
+    def __init__(self, scenario: str | Path | Scenario):
+        scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         reason = why_not(scenario)
         if reason is not None:
             raise InputError(f"{scenario.name}: {reason}: Drake flies it")

@@ -8,7 +8,8 @@ by numba: one compiled form serves every wiring, room and size. Whoever calls it
     <array>, its shape     the address, then one whole number for each dimension; in the order of the parameters
 
 Addresses are not checked: wiring.py and player.py see to it that what is made of them has its size. Whether an element
-looks beyond its arrays only an element of one's own checks (Element.checked); the tests do it for those of the package.
+looks beyond its arrays only an element of one's own checks (Element.checked); for those of the package
+tests/flight/test_checked_flights.py flies every ready-made scenario with it.
 """
 
 import re
@@ -123,7 +124,7 @@ def _classes(groups: Iterable[Number | Array | Group]) -> dict[str, type]:
 
 def known_to(element: Element) -> dict[str, Any]:
     """Return the globals of native_text's source, by name: the element's functions and the classes of its tuples."""
-    options = OPTIONS if element.allocates else OPTIONS | {"_nrt": False}
+    options = OPTIONS | ({} if element.allocates else {"_nrt": False})
     options |= {"boundscheck": True} if element.checked else {}
     # Inlined, descriptors of arrays stay in registers.
     compiled = njit(error_model="numpy", pipeline_class=Inlined, **options)
@@ -145,7 +146,7 @@ def native_of(element: Element) -> dict[str, Native]:
     text = native_text(element)
     name = f"{element.name}_{digest_of(text, *element.functions.values())}{'_checked' * element.checked}"
     try:
-        with helpers_only_linked():
+        with helpers_only_linked(element.checked):
             module = load(name, text, known_to(element))
     except NumbaError as error:
         raise ElementError(_why(element, error)) from error

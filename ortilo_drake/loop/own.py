@@ -52,7 +52,7 @@ def box(
 
     Raises:
         ValueError: if a value is no number or array of numbers, is NaN or has no name of its own, if the size is no
-            positive integer, or if there is no output.
+            positive integer, if a shape is none, or if there is no output.
     """
     if not isinstance(size, Integral) or size < 1:
         raise ValueError(f"size: {size!r}: must be an integer, at least 1")
@@ -72,6 +72,9 @@ def box(
     for name, values in ((tables or {}) | (state or {})).items():
         if np.ndim(values) == 0:
             raise ValueError(f"{name}: is {values!r}, must be an array")
+    for name, shape in (work or {}).items():
+        if not isinstance(shape, tuple | list) or not all(isinstance(its, Integral) and its >= 0 for its in shape):
+            raise ValueError(f"{name}: {shape!r}: must be a shape, such as (3,) or (3, 3)")
     element = Element("own", out, step, shows=shows, allocates=True, checked=True)
     made = Box("own", element, size, Values(numbers or {}, state or {}, tables or {}), work or {})
     check_values(made)

@@ -119,9 +119,15 @@ class Memory:
         return self._kept[name, table]
 
     def put(self, name: str, given: Values) -> None:
-        """Put in what a box is given."""
-        self._known = None
-        record = self.numbers_of(name)
+        """Put in what a box is given; ValueError if there is no such box, or it has no such value or shape."""
+        self._known, box = None, self._wiring.boxes.get(name)
+        if box is None:
+            raise ValueError(f"drawn: {name!r}: must be one of {', '.join(self._wiring.boxes)}")
+        record, states = self.numbers_of(name), {state.name for state in box.element.state}
+        tables = {table.name: table for table in box.element.arrays}
+        for its, known in ((given.numbers, record.dtype.names), (given.start, states), (given.tables, tables)):
+            if unknown := [value for value in its if value not in known]:
+                raise ValueError(f"drawn: {name}: {unknown[0]!r}: must be one of {', '.join(known) or 'none'}")
         for number, value in given.numbers.items():
             record[number] = value
         for state, value in given.start.items():
@@ -129,9 +135,10 @@ class Memory:
             if np.shape(value) != place.shape:
                 raise ValueError(f"{name}: {state}: has the shape {np.shape(value)}, must have {place.shape}")
             place.of(self.S)[...] = value
-        for table in self._wiring.boxes[name].element.arrays:
-            if table.name in given.tables:
-                values = np.ascontiguousarray(given.tables[table.name], dtype=table.kind)
-                first = self._places.arrays[name, table.name].at
-                self._kept[name, table.name] = values
-                self.T[first : first + 1 + table.dimensions] = values.ctypes.data, *values.shape
+        for table, value in given.tables.items():
+            values, dimensions = np.ascontiguousarray(value, dtype=tables[table].kind), tables[table].dimensions
+            if values.ndim != dimensions:
+                raise ValueError(f"{name}: {table}: has the shape {values.shape}, must have {dimensions} dimensions")
+            first = self._places.arrays[name, table].at
+            self._kept[name, table] = values
+            self.T[first : first + 1 + dimensions] = values.ctypes.data, *values.shape

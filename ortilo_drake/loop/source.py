@@ -149,7 +149,8 @@ def flight_text(wiring: Wiring, places: Places, recorded: list[Wire], ends: str)
         letter, at, _ = places.of(wire)
         body += [f"for i in range({wire.size}):", f"    trace[k, {column} + i] = {letter}_[{at} + i]"]
         column += wire.size
-    letter, at, _ = places.of(Wire(ends, wiring.boxes[ends].size - 1, 1))
+    end = wiring.wire(ends, "ends")
+    letter, at, _ = places.of(Wire(end.box, end.first + end.size - 1, 1))
     body += [f"if {letter}_[{at}] >= 0.0 or k == last:  # {ends} says a cause", "    return k"]
     body += [line_of(places, box, "step") for box in wiring.step_order]
     lines = "\n".join(f"        {line}" for line in body)

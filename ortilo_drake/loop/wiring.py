@@ -1,6 +1,10 @@
-"""The wiring of boxes: which output each input reads, and the order in which a tick calls them."""
+"""The wiring of boxes: which output each input reads, and the order in which a tick calls them.
 
-from dataclasses import dataclass
+A wiring knows the size of each output and part, but not how many numbers an element reads of an input: only the code of
+the element says it. So an input that is too small is found in flight, by elements that check their indices.
+"""
+
+from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 
@@ -21,18 +25,27 @@ class Wire:
 class Wiring:
     """Boxes, in any order, checked as a whole.
 
+    Args:
+        boxes: the boxes.
+        checked: whether all elements check their indices in flight, as elements of your own do.
+
     Raises:
         ValueError: if two boxes have the same name, an input reads a box or part that does not exist, a value has a
-            reserved name, a box shows no state of its output's size or is held by another one as well, or outputs read
-            one another in a loop.
+            reserved name, a part is not within its box's output, a box shows no state of its output's size, a bundle
+            holds a box that shows a state, or outputs read one another in a loop.
     """
 
-    def __init__(self, boxes: list[Box]):
+    def __init__(self, boxes: list[Box], checked: bool = False):
+        if checked:
+            boxes = [replace(box, element=replace(box.element, checked=bool(box.element.functions))) for box in boxes]
         self.boxes = {box.name: box for box in boxes}
         if len(self.boxes) != len(boxes):
             raise ValueError(f"wiring: two boxes have one name among {', '.join(sorted(box.name for box in boxes))}")
         for box in boxes:
             check_values(box)
+            for part, (first, size) in box.parts.items():
+                if not 0 <= first <= first + size <= box.size:
+                    raise ValueError(f"{box.name}.{part}: is [{first}, {first + size}), must be within [0, {box.size})")
         self.holders = {held: box.name for box in boxes for held in box.holds}
         for held, holder in self.holders.items():
             if self.boxes[self.wire(held, holder).box].element.shows:

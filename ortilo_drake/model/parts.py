@@ -178,7 +178,7 @@ _registrations = 0  # number of registrations so far: a part that replaces anoth
 
 
 def register_sensor(sensor: Sensor) -> None:
-    """Register a sensor for scenarios; InputError if the name is taken, or link, message or noise are missing."""
+    """Register a sensor for scenarios; InputError if the name is taken, or if anything needed is missing or wrong."""
     if not isinstance(sensor, Sensor):
         raise InputError(f"sensor: {sensor!r}: must be an od.Sensor")
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:
@@ -189,6 +189,12 @@ def register_sensor(sensor: Sensor) -> None:
         raise InputError(f"sensor: {sensor.name}: must be given as a System, make_world, or by a share, compiled")
     if sensor.sd is None and (sensor.covariance is None or sensor.information is None):
         raise InputError(f"sensor: {sensor.name}: must tell its noise by sd, or by covariance and information")
+    for what, taken in (("measure", "numbers, x, v, t"), ("solve", "numbers, payload, xhat, P")):
+        if (function := getattr(sensor.compiled, what, None)) is not None:
+            try:
+                inspect.signature(function).bind(*taken.split(", "))
+            except TypeError as error:
+                raise InputError(f"sensor: {sensor.name}: {what}: {error}: must take ({taken})") from None
     _SENSORS[sensor.name] = sensor
     _remember_caller()
 

@@ -3,7 +3,9 @@
 import gc
 import math
 import sys
+from dataclasses import replace
 from operator import add
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +17,13 @@ from numba.core.registry import cpu_target
 from numba.core.target_extension import jit_registry, target_registry
 from numba.extending import register_jitable
 
-from ortilo_drake.compiled.inlined import Inlined, OnlyLinked, helpers_only_linked
+from ortilo_drake.compiled.inlined import OPTIONS, Inlined, OnlyLinked, helpers_only_linked
 from ortilo_drake.compiled.shorter import LENT, shorter_ways
+from ortilo_drake.loop.element import Box, Element, constant
+from ortilo_drake.loop.native import known_to
+from ortilo_drake.loop.player import Player
+from ortilo_drake.loop.raised import ElementError
+from ortilo_drake.loop.wiring import Wiring
 
 
 @register_jitable
@@ -176,3 +183,46 @@ def test_listeners_hear_that_passes_run_but_not_each_call_of_llvm() -> None:
         njit("float64(float64)")(shared.py_func)
     assert passes.buffer
     assert not calls.buffer
+
+
+@register_jitable
+def fourth(x: np.ndarray) -> float:
+    return x[3]
+
+
+@register_jitable
+def fourth_of_all(x: np.ndarray) -> float:
+    return fourth(x)
+
+
+@njit
+def compiled_fourth(x: np.ndarray) -> float:
+    return x[3]
+
+
+@njit
+def compiled_fourth_of_all(x: np.ndarray) -> float:
+    return compiled_fourth(x)
+
+
+@pytest.mark.parametrize("allocates", [False, True])
+@pytest.mark.parametrize("helper", [fourth_of_all, compiled_fourth_of_all])
+def test_helpers_of_a_checked_element_check_their_indices(helper: Any, allocates: bool) -> None:
+    def read(x: np.ndarray, out: np.ndarray) -> None:
+        out[0] = helper(x)
+
+    reader = Box("reader", Element("reader", out=read, allocates=allocates), 1)
+    boxes = [constant("x", [1.0, 2.0]), constant("end", -1.0), reader]
+    player = Player(Wiring(boxes, checked=True), ("reader",), "end")
+    with pytest.raises(ElementError, match=r"\(test_inlined.py, line \d+\): IndexError: index is out of bounds$"):
+        player.fly(np.zeros(1, np.int64), player.rows(1))
+
+
+def test_an_element_is_compiled_in_the_same_way_after_a_checked_one() -> None:
+    """The options of a checked element were those of all that came after it."""
+    element = Element("reader", out=lambda out: None, allocates=True)
+    options = dict(OPTIONS)
+    for checked in (True, False):
+        (function,) = known_to(replace(element, checked=checked)).values()
+        assert bool(function.targetoptions["boundscheck"]) == checked
+    assert options == OPTIONS

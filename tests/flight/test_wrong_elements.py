@@ -1,5 +1,6 @@
 """What an element of one's own does wrong ends in one line, by every player, and in no memory but its own."""
 
+import re
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -188,3 +189,44 @@ def test_a_row_with_the_name_of_its_sensor_is_refused_in_a_line() -> None:
     od.register_sensor(od.Sensor("height", Height, rows=rows, sd=height_sd, V=lambda scenario: V, compiled=share))
     with pytest.raises(od.InputError, match=r"^sensors: .*height, .*, height: every sensor and every row needs a name"):
         od.Engine(od.load_scenario("nominal_imu_uwb", sensors=["uwb", "imu", "height"], **SHORT))
+
+
+@njit
+def without_time(its: Numbers, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return a height, of a function with too few parameters."""
+    return np.array([x[2] + its.sd * v[0]])
+
+
+@njit
+def of_wind(its: Numbers, payload: np.ndarray, xhat: np.ndarray, P: np.ndarray, wind: float) -> np.ndarray:
+    """Return a fix, of a function with an input that nobody has."""
+    return np.array([payload[0] + wind, its.sd])
+
+
+@pytest.mark.parametrize(
+    ("measure", "solve", "said"),
+    [
+        (without_time, None, r"measure: too many positional arguments: must take \(numbers, x, v, t\)"),
+        (beyond_its_noise, of_wind, "solve: missing .* 'wind': must take .numbers, payload, xhat, P."),
+        (3.0, None, "measure: 3.0 is not a callable object: must take .numbers, x, v, t."),
+    ],
+)
+def test_a_sensor_s_function_with_other_inputs_is_refused_in_a_line(measure: Any, solve: Any, said: str) -> None:
+    share = od.Compiled(lambda scenario, room: Numbers(0.1), payload=1, noises=1, measure=measure, solve=solve)
+    with pytest.raises(od.InputError, match=rf"^sensor: height: {said}$"):
+        od.register_sensor(od.Sensor("height", Height, (od.row("z_own", z=1.0),), sd=height_sd, compiled=share))
+
+
+@pytest.mark.parametrize("shape", [3, (2, -1), "ab", (2.5,)])
+def test_a_work_array_needs_a_shape(shape: Any) -> None:
+    said = f"w: {shape!r}: must be a shape, such as (3,) or (3, 3)"
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}$"):
+        od.box(4, writes, work={"w": shape})
+
+
+def test_an_engine_takes_a_scenario_s_name_and_refuses_another_in_a_line() -> None:
+    assert od.Engine("nominal_imu_uwb").ticks == od.Engine(od.load_scenario("nominal_imu_uwb")).ticks
+    with pytest.raises(od.InputError, match=r"^scenario: 'nominal' is unknown"):
+        od.Engine("nominal")
+    with pytest.raises(od.InputError, match=r"^scenario: 3: must be a ready-made one's name or a \.yaml file$"):
+        od.Engine(3)  # type: ignore[arg-type]

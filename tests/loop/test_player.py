@@ -1,5 +1,6 @@
 """A small loop as the player flies it is what NumPy's matrices make of it."""
 
+import re
 import threading
 from dataclasses import replace
 
@@ -9,9 +10,14 @@ from small_loop import X_0, H, K, boxes, flown
 
 from ortilo_drake.loop.element import Box, Element, Values, bundle, constant
 from ortilo_drake.loop.player import Player
+from ortilo_drake.loop.raised import ElementError
 from ortilo_drake.loop.wiring import Wiring
 
 RECORDED = ("mass", "sensor.y", "gain")
+
+
+def second_of(x: np.ndarray, out: np.ndarray) -> None:
+    out[0] = x[1]
 
 
 @pytest.fixture(scope="module")
@@ -127,3 +133,34 @@ def test_the_loop_is_stable() -> None:
     A, B = np.array([[1.0, H], [0.0, 1.0]]), np.array([[H * H / 2.0], [H]])
     assert np.abs(np.linalg.eigvals(A - B @ K)).max() < 1.0
     assert X_0.any()
+
+
+@pytest.mark.parametrize(
+    ("drawn", "said"),
+    [
+        ({"masss": Values()}, "drawn: 'masss': must be one of gain, watch, mass, sensor"),
+        ({"mass": Values({"hh": 0.1})}, "drawn: mass: 'hh': must be one of h"),
+        ({"mass": Values(start={"u": [0.0]})}, "drawn: mass: 'u': must be one of x"),
+        ({"mass": Values(tables={"K": K})}, "drawn: mass: 'K': must be one of none"),
+        ({"gain": Values(tables={"K": K[0]})}, "gain: K: has the shape (2,), must have 2 dimensions"),
+    ],
+)
+def test_what_is_drawn_for_what_is_not_there_is_refused(player: Player, drawn: dict[str, Values], said: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}$"):
+        fly(player, 5, 0, drawn)
+
+
+def test_what_ends_a_flight_must_be_there() -> None:
+    with pytest.raises(ValueError, match=r"^ends: reads 'watchh', must be one of gain, mass, sensor, watch$"):
+        Player(Wiring(boxes()), RECORDED, "watchh")
+
+
+def test_an_input_that_is_too_small_ends_a_flight_that_is_checked() -> None:
+    reader = Box("short", Element("short", out=second_of), 1, reads={"x": "mass.rate"})
+    player = Player(Wiring([*boxes(), reader], checked=True), RECORDED, "watch")
+    with pytest.raises(ElementError, match=r"second_of .*: IndexError: index is out of bounds$"):
+        fly(player, 5, 0)
+
+
+def test_what_is_checked_flies_the_same(player: Player) -> None:
+    assert np.array_equal(fly(Player(Wiring(boxes(), checked=True), RECORDED, "watch"), 80, 7), fly(player, 80, 7))

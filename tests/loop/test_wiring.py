@@ -67,3 +67,9 @@ def test_a_reserved_name_is_refused() -> None:
     odd = Element("odd", out=odd_out)
     with pytest.raises(ValueError, match=r"odd: a value is named \['seed'\], which is reserved"):
         Wiring([Box("odd", odd, 1, Values({"a": 1.0}, tables={"seed": np.zeros(1)}))])
+
+
+def test_a_part_beyond_its_box_is_refused() -> None:
+    for part, said in (((1, 2), "[1, 3)"), ((-1, 1), "[-1, 0)")):
+        with pytest.raises(ValueError, match=f"^{re.escape(f'mass.rate: is {said}, must be within [0, 2)')}$"):
+            Wiring(with_("mass", parts={"rate": part}))
