@@ -105,6 +105,7 @@ def map(
     out: str | Path | None = None,
     workers: int = 1,
     progress: Callable[[int], None] = lambda flown: None,
+    player: str = "fastest",
 ) -> Study:
     """Fly a map as `ortilo map` does: a number of flights at each point of a design over any settings.
 
@@ -120,18 +121,20 @@ def map(
         out: folder for the figures of flights; flights already there are not flown again. By default nothing is kept.
         workers: number of worker processes; with 1 this process flies. The flights do not depend on it.
         progress: called with the number of flights that came in.
+        player: as in fly; the report names the player.
 
     Returns:
         Report and data; the table has a row for each point: settings, flights, lost flights, interval of the lost
         share, median error and quartiles [m], largest distance from the path [m], NEES of the position, arrivals.
 
     Raises:
-        InputError: if the sweep or a point's scenario is wrong, or a flight cannot be flown or kept.
+        InputError: if the sweep or a point's scenario is wrong, the player cannot fly it, or a flight cannot be flown
+            or kept.
     """
     source = "sweep" if isinstance(sweep, Mapping) else str(sweep)
     chosen = validate(Sweep, plain_value(source, sweep), source) if source == "sweep" else load_sweep(Path(source))
     with _folder(out) as folder:
-        found = fly_map(chosen, source, folder / "flights", workers, progress)
+        found = fly_map(chosen, source, folder / "flights", workers, progress, player)
     return Study(map_text(found, theory_of(found)), pd.read_csv(io.StringIO(map_csv(found))), as_data(found))
 
 

@@ -17,6 +17,7 @@ def analyze(
         int, typer.Option(min=0, max=10_000, help="Flights of the scenario, and of each pair of arrival rates.")
     ] = 20,
     workers: options.WorkersOption = None,
+    player: options.PlayerOption = options.PlayerName.fastest,
     settings: options.SetOption = None,
     out_folder: options.FolderOption = Path("out/analysis"),
     json_file: options.JsonOption = None,
@@ -47,5 +48,6 @@ def analyze(
                 err.print(f"{what} ...", highlight=False)
             update(description=what, completed=done, total=total)
 
-        analysis, figures = analyze_scenario(chosen, flights, out_folder, workers or os.cpu_count() or 1, step)
+        count = workers or os.cpu_count() or 1
+        analysis, figures = analyze_scenario(chosen, flights, out_folder, count, step, player)
     hand_over(analysis_text(analysis), report, analysis_data(analysis), json_file, *figures)

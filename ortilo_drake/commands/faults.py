@@ -37,6 +37,7 @@ def faults(
         float, typer.Option(min=0.5, max=3600.0, callback=options.finite, help="Duration of the faults that end [s].")
     ] = 5.0,
     workers: options.WorkersOption = None,
+    player: options.PlayerOption = options.PlayerName.fastest,
     settings: options.SetOption = None,
     out_folder: options.FolderOption = Path("out/faults"),
     json_file: options.JsonOption = None,
@@ -44,9 +45,8 @@ def faults(
     """Fly scenarios with one fault at a time, and the same seeds without any fault.
 
     It shows the estimate's error during and after each fault, flights lost, the time to recover and whether the filter
-    stays consistent. The ensemble engine flies what it can, Drake the rest. Cameras are projected. Faults of the
-    scenarios themselves are left out. Flights already in the folder are kept, so an interrupted run continues where it
-    stopped.
+    stays consistent. Cameras are projected. Faults of the scenarios themselves are left out. Flights already in the
+    folder are kept, so an interrupted run continues where it stopped.
     """
     from ortilo_drake.studies.faults.catalogue import chosen_names
 
@@ -70,7 +70,7 @@ def faults(
     count = workers or os.cpu_count() or 1
     with bar("flights") as update, kept_workers():
         found = fault_study(
-            vary, chosen, flights, out_folder / "flights", start, length, count, lambda n: update(advance=n)
+            vary, chosen, flights, out_folder / "flights", start, length, count, lambda n: update(advance=n), player
         )
     fault_figure(found, figure)
     hand_over(fault_text(found), report, found, json_file, figure)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ortilo_drake.commands import terminal
-from ortilo_drake.commands.options import FolderOption, JsonOption, WorkersOption
+from ortilo_drake.commands.options import FolderOption, JsonOption, PlayerName, PlayerOption, WorkersOption
 from ortilo_drake.flight.files import write_text
 from ortilo_drake.views.pictures import figure_file
 
@@ -17,13 +17,14 @@ def map_(
         Path, typer.Argument(metavar="SWEEP.yaml", help="Its axes, design and flights: docs/how_to/maps.md.")
     ],
     workers: WorkersOption = None,
+    player: PlayerOption = PlayerName.fastest,
     out_folder: FolderOption = Path("out/map"),
     json_file: JsonOption = None,
 ) -> None:
     """Fly a map: a number of flights at each point of a design over any settings.
 
-    The compiled engine flies them where it can, Drake where it cannot. Figures of each flight are kept as Parquet.
-    Flights already in the folder are not flown again, so an interrupted or killed run resumes where it stopped.
+    Figures of each flight are kept as Parquet. Flights already in the folder are not flown again, so an interrupted or
+    killed run resumes where it stopped.
     """
     from ortilo_drake.sensors.uwb_believed_noise import believed_noise
     from ortilo_drake.studies.maps.sweep import load_sweep, points_of, scenario_at
@@ -42,7 +43,8 @@ def map_(
     terminal.say_if_compiling()
     count = workers or os.cpu_count() or 1
     with terminal.bar("flights", sweep.count * sweep.most_flights) as update:
-        found = fly_map(sweep, str(sweep_file), out_folder / "flights", count, lambda flown: update(advance=flown))
+        kept = out_folder / "flights"
+        found = fly_map(sweep, str(sweep_file), kept, count, lambda flown: update(advance=flown), player)
     theory = theory_of(found)
     write_text(table, map_csv(found))
     drawn = map_figure(found, figure, theory)

@@ -63,6 +63,7 @@ def rare(
     camera: options.CameraOption = None,
     settings: options.SetOption = None,
     workers: options.WorkersOption = None,
+    player: options.PlayerOption = options.PlayerName.fastest,
     out_folder: Annotated[
         Path, typer.Option("--out", help="Folder of the report, and of the repetitions that are kept.")
     ] = Path("out/rare"),
@@ -86,6 +87,8 @@ def rare(
         times_as_often,
     )
 
+    if player not in ("fastest", "engine"):
+        raise InputError(f"--player: {player}: must be fastest or engine, the only one that flies with given noise")
     laid_over = options.with_camera(settings, camera, None)
     own = with_seed(load_scenario(scenario, laid_over), seed)
     cases = faults_of(fault, own) if fault else {}
@@ -120,5 +123,5 @@ def rare(
         {"fault": name, "times_as_often": as_data(times_as_often(its, without))} | as_data(its)
         for name, its in under.items()
     ]
-    data = {"scenario": own.name, "verdict": line, "corridor": corridor} | as_data(without)
-    hand_over(text, report, data | ({"under_faults": rows} if cases else {}), json_file)
+    data = {"scenario": own.name, "verdict": line, "corridor": corridor, "flown_by": "engine"} | as_data(without)
+    hand_over(f"{text}\nFlown by engine.\n", report, data | ({"under_faults": rows} if cases else {}), json_file)

@@ -16,6 +16,7 @@ def sensitivity(
     scenario: options.ScenarioArgument = options.DEFAULT_SCENARIO,
     flights: Annotated[int, typer.Option(min=1, max=100_000, help="Flights at each value, seeds from 0.")] = 8,
     workers: options.WorkersOption = None,
+    player: options.PlayerOption = options.PlayerName.fastest,
     settings: options.SetOption = None,
     out_folder: options.FolderOption = Path("out/sensitivity"),
     json_file: options.JsonOption = None,
@@ -46,6 +47,6 @@ def sensitivity(
             update(description=part)
             say_error(f"{part} ...")
 
-        found = study(vary, flights, out_folder / "flights", count, say, lambda n: update(advance=n))
+        found = study(vary, flights, out_folder / "flights", count, say, lambda n: update(advance=n), player)
     sensitivity_figure(found, figure)
     hand_over(sensitivity_text(found), report, found, json_file, figure)

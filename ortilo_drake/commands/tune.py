@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from ortilo_drake.commands import terminal
-from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, yaml_option
+from ortilo_drake.commands.options import (
+    JsonOption,
+    PlayerName,
+    PlayerOption,
+    WorkersOption,
+    picture_option,
+    yaml_option,
+)
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError
@@ -53,7 +60,7 @@ def _print_tuning(report: "Tuning", short: list[str]) -> None:
 
 
 def _print_check(check: "Check") -> None:
-    terminal.out.print(f"  flown anew, seeds {check.seeds[0]} to {check.seeds[-1]}:")
+    terminal.out.print(f"  flown anew, seeds {check.seeds[0]} to {check.seeds[-1]}, by {check.flown_by}:")
     for when, found in (("before", check.before), ("after", check.after)):
         mse = "none" if found.mse is None else f"{sum(found.mse):.6f} m²"
         line = f"    {when:6} {found.lost} lost, MSE of position {mse}, NEES {_entry(found.nees)}"
@@ -102,7 +109,7 @@ def _tune_recorded(paths: list[Path], map_file: Path, by: FitBy, out_file: Path 
 
 
 def _tune_by_flights(
-    files: list[Path], kept: Path, workers: int | None, out_file: Path | None, json_file: Path | None
+    files: list[Path], kept: Path, workers: int | None, player: str, out_file: Path | None, json_file: Path | None
 ) -> None:
     if len(files) != 1:
         raise InputError(f"--fly: {len(files)} files: must be one, a SEARCH.yaml")
@@ -121,7 +128,7 @@ def _tune_by_flights(
         def show(flown: int, least: float) -> None:
             update(completed=flown, description=f"searching, {1000.0 * least:.1f} mm")
 
-        found = search_by_flights(search, str(files[0]), kept, workers or os.cpu_count() or 1, show)
+        found = search_by_flights(search, str(files[0]), kept, workers or os.cpu_count() or 1, show, player)
     if out_file is not None:
         # The result may lie in another folder than the search's scenario file: name the file by its absolute path.
         base = os.path.realpath(search.scenario) if search.scenario.endswith((".yaml", ".yml")) else search.scenario
@@ -168,6 +175,7 @@ def tune(
     fly: Annotated[bool, typer.Option("--fly", help="Search settings by flying them: docs/how_to/tune.md.")] = False,
     kept: Annotated[Path, typer.Option(help="With --fly: folder of the flights' figures.")] = Path("out/tune"),
     workers: WorkersOption = None,
+    player: PlayerOption = PlayerName.fastest,
 ) -> None:
     """Fit the filter's W and V to saved flights by maximum likelihood, and show NEES and NIS before and after.
 
@@ -185,8 +193,10 @@ def tune(
     if fly:
         if figure is not None or check or map_file is not None:
             raise InputError("--figure, --check, --map: are not for --fly")
-        _tune_by_flights(flights, kept, workers, out_file, json_file)
+        _tune_by_flights(flights, kept, workers, player, out_file, json_file)
         return
+    if player is not PlayerName.fastest and not check:
+        raise InputError(f"--player: {player}: is for --fly and --check; nothing else flies")
     if map_file is not None:
         if figure is not None or check:
             raise InputError("--figure, --check: are for flights of ours; with --map see `ortilo replay`")
@@ -207,7 +217,7 @@ def tune(
     if check:
         before = scenario_of(load_flight(files[0]))
         with terminal.bar("flying anew", 2 * check) as update:
-            checked = check_flights(tuning, before, check, lambda: update(advance=1))
+            checked = check_flights(tuning, before, check, lambda: update(advance=1), player)
     if out_file is not None:
         write_text(out_file, overlay_text(tuning))
     if figure is not None:

@@ -8,13 +8,13 @@ import gc
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import GenericAlias
 from typing import Any, Final, TypeVar
 
 import xarray as xr
 
-from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.files import remove_stale
 from ortilo_drake.flight.metrics import summary
 from ortilo_drake.flight.players import choose, kept_player
@@ -158,40 +158,43 @@ def kept_file(out: Path, scenario: Scenario) -> Path:
 
 def fly_kept(
     kind: type[T],
-    fly: Callable[[str, list[int], str], list[T]],
+    fly: Callable[[str, list[int], str, str], list[T]],
     wanted: Sequence[tuple[Scenario, Iterable[int]]],
     out: Path,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
     at_once: int = AT_ONCE,
+    player: str = "fastest",
 ) -> list[list[T]]:
     """Fly each scenario once for each of its seeds, and return the figures of each scenario in the order of its seeds.
 
     All flights go to the workers together. Flights whose figures are already kept are not flown again, so an
-    interrupted run continues where it stopped. `kind` is the dataclass of a flight's figures, with a field `seed`.
-    `fly`, an importable function, takes a scenario's JSON, seeds and the kept file's name, and returns the figures of
-    these flights. `wanted` pairs each scenario, whose own seed is not used, with its seeds. With 1 worker this process
-    flies. `progress` is called with the number of flights that came in. A worker's job has `at_once` flights where the
-    engine flies all scenarios, else AT_ONCE. InputError if a flight cannot be flown or its figures cannot be written.
+    interrupted run continues where it stopped. `kind` is the dataclass of a flight's figures, with the fields `seed`
+    and `player`, which is set here. `fly`, an importable function, takes a scenario's JSON, seeds, the kept file's name
+    and the player, and returns the figures of these flights. `wanted` pairs each scenario, whose own seed is not used,
+    with its seeds. With 1 worker this process flies. `progress` is called with the number of flights that came in. A
+    worker's job has `at_once` flights where the engine flies all scenarios, else AT_ONCE. `player` is as in fly_many.
+    InputError if the player cannot fly a scenario, or a flight cannot be flown or its figures cannot be written.
     """
-    at_once = at_once if all(why_not(scenario) is None for scenario, _ in wanted) else AT_ONCE
+    players = [choose(scenario, player) for scenario, _ in wanted]
+    at_once = at_once if set(players) <= {"engine"} else AT_ONCE
     asked = [(scenario, list(seeds), kept_file(out, scenario)) for scenario, seeds in wanted]
     rows = GenericAlias(list, (kind,))
     found = {file: {its.seed: its for its in kept_json(file, rows, file.name) or ()} for _, _, file in asked}
-    jobs: list[tuple[str, list[int], str]] = []
+    jobs: list[tuple[str, list[int], str, str]] = []
     files: list[Path] = []  # of each job
-    for scenario, seeds, file in asked:
+    for (scenario, seeds, file), its_player in zip(asked, players, strict=True):
         missing = [seed for seed in seeds if seed not in found[file]]
         if progress and len(missing) < len(seeds):
             progress(len(seeds) - len(missing))
         text = scenario.model_dump_json()
-        jobs += [(text, missing[k : k + at_once], file.name) for k in range(0, len(missing), at_once)]
+        jobs += [(text, missing[k : k + at_once], file.name, its_player) for k in range(0, len(missing), at_once)]
         files += [file] * (len(jobs) - len(files))
 
     def take(number: int, flown: list[Any]) -> None:
         file = files[number]
         known = found[file]
-        known.update({its.seed: its for its in flown})
+        known.update({its.seed: replace(its, player=jobs[number][-1]) for its in flown})
         keep_json(file, [known[seed] for seed in sorted(known)], file.name)
         if progress:
             progress(len(flown))

@@ -1,6 +1,6 @@
 """The players of a scenario: compiled code, or Drake's simulator. Both give the same flight to the last bit."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import Final
 
@@ -41,6 +41,12 @@ def why_not_engine(scenario: Scenario, parts: Parts = NO_PARTS) -> str | None:
         if make is not None:
             return f"{role}: is given as a System"
     return why_not(scenario)
+
+
+def flown_by(scenarios: Iterable[Scenario], players: Iterable[str]) -> str:
+    """Return a report's text on the players that flew scenarios, with why it was Drake where the engine cannot."""
+    why = next((f" ({why})" for scenario in scenarios if (why := why_not_engine(scenario))), "")
+    return ", ".join(name + why * (name == "drake") for name in sorted(set(players)))
 
 
 def player_of(scenario: Scenario, player: str = "fastest", parts: Parts = NO_PARTS) -> Engine | FlightSimulator:

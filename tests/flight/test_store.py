@@ -300,7 +300,7 @@ def flip(file: Path, share: float) -> None:
 def test_a_damaged_chunk_of_a_map_is_flown_again(
     share: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(map_flights, "fly_figures", lambda text, seeds, folder: figures(len(seeds)))
+    monkeypatch.setattr(map_flights, "fly_figures", lambda text, seeds, folder, player: figures(len(seeds)))
     sweep = validate(
         Sweep, {"scenario": "nominal_imu_uwb", "axes": {"uwb.link.loss": [0.0, 0.5]}, "flights": 40}, "sweep"
     )
@@ -310,7 +310,7 @@ def test_a_damaged_chunk_of_a_map_is_flown_again(
     whole = one.read_bytes()
     flip(one, share)
     monkeypatch.setattr(
-        map_flights, "fly_figures", lambda text, seeds, folder: flown.append(len(seeds)) or figures(len(seeds))
+        map_flights, "fly_figures", lambda text, seeds, folder, player: flown.append(len(seeds)) or figures(len(seeds))
     )
     assert map_csv(fly_map(sweep, "sweep", tmp_path, 1)) == before
     assert flown == [40]
@@ -348,7 +348,7 @@ def test_a_damaged_piece_of_a_rare_event_is_flown_again(
 def test_a_damaged_file_of_courses_is_flown_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     flown: list[int] = []
 
-    def fly(text: str, seeds: list[int], folder: str) -> list[Course]:
+    def fly(text: str, seeds: list[int], folder: str, player: str) -> list[Course]:
         flown.extend(seeds)
         return [Course(seed, None, [0.1 * seed], [3.0]) for seed in seeds]
 

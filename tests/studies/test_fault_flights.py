@@ -76,7 +76,7 @@ def test_a_fault_is_judged_while_it_lasts_too(error: float, sd: float, passes: s
     row = row_of("mine", PASSING, [made_up(0, 0.01, {part: error}, sd={part: sd})], without)
     assert row.passed_after
     assert row.passed == (passes == "yes")
-    text = fault_text(FaultStudy(["mine"], 1, 10.0, 5.0, [0], [row]))
+    text = fault_text(FaultStudy(["mine"], 1, 10.0, 5.0, [0], [row], "engine"))
     assert f" | {passes} |\n" in text
     assert "a mean NEES of at most 14.2" in text
 
@@ -100,7 +100,7 @@ def test_lost_flights_fail_and_are_left_out_of_the_errors_with_their_seeds() -> 
 @pytest.mark.parametrize(("error", "shown"), [(0.0149, "1.49"), (0.01502, "1.502"), (0.015, "1.50"), (0.0201, "2.01")])
 def test_a_ratio_beside_the_limit_has_the_digits_that_tell_on_which_side_it_is(error: float, shown: str) -> None:
     without, flown = [made_up(0, 0.01, {})], [made_up(0, 0.01, {range(20, 30): error})]
-    text = fault_text(FaultStudy(["mine"], 1, 10.0, 5.0, [0], [row_of("mine", PASSING, flown, without)]))
+    text = fault_text(FaultStudy(["mine"], 1, 10.0, 5.0, [0], [row_of("mine", PASSING, flown, without)], "engine"))
     assert f"| {shown} | 1.00 |" in text
 
 
@@ -110,7 +110,7 @@ def test_the_report_says_each_faults_strength_and_what_a_recovery_is_worth() -> 
     without = [made_up(seed, 0.01, {}) for seed in range(2)]
     flown = [made_up(seed, 0.01, {range(50, 120): 0.04 * (1 + 9 * seed)}) for seed in range(2)]
     row = row_of("mine", case, flown, without)
-    text = fault_text(FaultStudy(["mine"], 2, 10.0, 5.0, [0], [row]))
+    text = fault_text(FaultStudy(["mine"], 2, 10.0, 5.0, [0], [row], "engine"))
     assert "| 0.0, then worse |" in text
     assert "- `gust`: force [0.0, 2.0, 0.0], start 10.0.\n" in text
     assert row.after is not None
@@ -131,7 +131,7 @@ def test_medians_count_lost_flights_as_worst() -> None:
     assert ratios.interval == (pytest.approx(5.0), np.inf)  # the second and the eighth of nine
     assert row.during.errors.kept == pytest.approx(0.07)
     assert "| gust | mine | 80 [50, lost]; kept 70 [40, 100] |" in fault_text(
-        FaultStudy(["mine"], 9, 10.0, 5.0, [0], [row])
+        FaultStudy(["mine"], 9, 10.0, 5.0, [0], [row], "engine")
     )
 
 
@@ -185,7 +185,7 @@ def test_the_report_has_a_row_for_each_fault_and_scenario(tmp_path: Path) -> Non
         for case, flown in ((PASSING, [made_up(0, 0.02, {})]), (LASTING, [made_up(0, 0.01, {}, lost=11.0)]))
         for name in ("mine", "yours")
     ]
-    found = FaultStudy(["mine", "yours"], 1, 10.0, 5.0, [0, 0], rows)
+    found = FaultStudy(["mine", "yours"], 1, 10.0, 5.0, [0, 0], rows, "engine")
     text = fault_text(found)
     assert text.startswith(
         "# Faults in flight: mine yours\n\n## In short\n\n- `mine` passes 0 of 2 faults and loses 1 of 2 [9.5, 91 %] "

@@ -137,6 +137,7 @@ def test_the_report_says_what_is_known(tmp_path: Path) -> None:
         "nominal_imu_uwb",
         [row_of("none", 0.0, 20, 0), row_of(mass, 10.0, 20, 20), row_of(mass, 2.0, 20, 4)],
         [Limit(mass, 4.2, (3.0, 6.1)), Limit(force, None, (5.0, None)), Limit("yaw of the IMU [deg]", 0.0, (0.0, 0.1))],
+        "engine",
     )
     text = sensitivity_text(found)
     assert "| none | 0 | 0 of 20 [0, 16 %] | 0.0099 [0.0095, 0.0104] |" in text
@@ -148,7 +149,7 @@ def test_the_report_says_what_is_known(tmp_path: Path) -> None:
     assert f"| {force} | beyond what was flown | above 5 | 0.1 |" in text
     assert sensitivity_figure(found, tmp_path / "limits.png").stat().st_size > 5000
     assert "No mismatch" not in text
-    assert set(json.loads(json.dumps(as_data(found)))) == {"scenario", "rows", "limits"}
+    assert set(json.loads(json.dumps(as_data(found)))) == {"scenario", "rows", "limits", "flown_by"}
 
 
 def test_the_report_begins_with_what_leaves_the_least_room() -> None:
@@ -164,6 +165,7 @@ def test_the_report_begins_with_what_leaves_the_least_room() -> None:
             Limit(yaw.name, 0.0, (0.0, 0.1)),
             Limit(TOGETHER, 0.7, (0.5, 0.9)),  # less than any alone, and no single mismatch
         ],
+        "engine",
     )
     title, heading, *lines = (line for line in sensitivity_text(found).splitlines() if line)
     assert (title[:2], heading) == ("# ", "## In short")
@@ -181,7 +183,7 @@ def test_the_report_begins_with_what_leaves_the_least_room() -> None:
 )
 def test_the_summary_says_when_no_limit_of_all_together_is_known(value: float | None, said: str) -> None:
     limits = [Limit(MISMATCHES[0].name, 4.2, (3.0, 6.1)), Limit(TOGETHER, value, (None, None))]
-    text = sensitivity_text(Sensitivity("nominal_imu_uwb", [row_of("none", 0.0, 20, 0)], limits))
+    text = sensitivity_text(Sensitivity("nominal_imu_uwb", [row_of("none", 0.0, 20, 0)], limits, "engine"))
     assert f"- All together {said}." in text
 
 
@@ -190,6 +192,7 @@ def test_the_report_says_in_a_sentence_that_all_is_lost_without_mismatch(tmp_pat
         "nominal_imu_uwb",
         [row_of("none", 0.0, 10, 10), row_of(MISMATCHES[0].name, 10.0, 10, 10)],
         [Limit(m.name, *NO_LEVEL) for m in MISMATCHES if m.largest],
+        "engine",
     )
     text = sensitivity_text(found)
     assert text.count("More than 5% of the flights are lost without any mismatch") == 1
@@ -200,14 +203,14 @@ def test_the_report_says_in_a_sentence_that_all_is_lost_without_mismatch(tmp_pat
 
 def test_the_report_says_in_a_sentence_that_nothing_in_range_loses_flights(tmp_path: Path) -> None:
     limits = [Limit(m.name, None, (m.largest / 1.2, None)) for m in MISMATCHES if m.largest]
-    found = Sensitivity("nominal_imu_uwb", [row_of("none", 0.0, 10, 0)], limits)
+    found = Sensitivity("nominal_imu_uwb", [row_of("none", 0.0, 10, 0)], limits, "engine")
     text = sensitivity_text(found)
     assert "No mismatch was found to lose 5% of the flights at any value up to the largest flown." in text
     assert text.count("beyond what was flown") == len(limits)
     assert sensitivity_figure(found, tmp_path / "limits.png").stat().st_size > 5000
 
 
-def lost_flights(wanted: Sequence[tuple[Scenario, Iterable[int]]], *_: object) -> list[list[Outcome]]:
+def lost_flights(wanted: Sequence[tuple[Scenario, Iterable[int]]], *_: object, **__: object) -> list[list[Outcome]]:
     """Stand in for fly_outcomes: every flight is lost."""
     return [[Outcome(seed, True, {"x": 1.0, "y": 1.0, "z": 1.0}, 9.0) for seed in seeds] for _, seeds in wanted]
 

@@ -130,7 +130,7 @@ def test_the_legend_of_nees_is_below_what_it_would_cover(flights: list[xr.Datase
 
 def test_the_summary_names_what_changed_most_and_what_that_bought(tuning: Tuning, flights: list[xr.Dataset]) -> None:
     lost, flown = FlownFigures(2, None, None), FlownFigures(0, [0.01, 0.02, 0.03], None)
-    numbers, nees, mse, check = tuning_summary(tuning, Check([5, 6], lost, flown))
+    numbers, nees, mse, check = tuning_summary(tuning, Check([5, 6], lost, flown, "engine"))
     fitted = {key: number for key, number in tuning.numbers.items() if not number.stays}
     assert numbers.startswith(f"{len(fitted)} of {len(tuning.numbers)} numbers were fitted")
     name = numbers.split("changed most: ")[1].split(",")[0]
@@ -143,7 +143,7 @@ def test_the_summary_names_what_changed_most_and_what_that_bought(tuning: Tuning
     assert check == "on 2 new seeds: 2 -> 0 lost"  # nothing to compare: every seed was lost before
     assert len(tuning_summary(tuning, None)) == 3
     twice = FlownFigures(0, [0.02, 0.04, 0.06], None)
-    assert tuning_summary(tuning, Check([5], twice, flown))[3].endswith("0.120000 -> 0.060000 m² (-50%)")
+    assert tuning_summary(tuning, Check([5], twice, flown, "engine"))[3].endswith("0.120000 -> 0.060000 m² (-50%)")
 
 
 @pytest.mark.long
@@ -226,7 +226,7 @@ evaluations: 6
 
 def test_a_cost_is_that_of_drakes_flight(tmp_path: Path) -> None:
     scenario = load_scenario("nominal_imu_uwb", tuple(HOVER.items()))
-    (figures,) = figures_of_points([scenario], tmp_path, 3, 2, 1)
+    (figures,), _ = figures_of_points([scenario], tmp_path, 3, 2, 1)
     expected = [summary(fly(with_seed(scenario, seed))).path_distance_mse for seed in (3, 4)]
     np.testing.assert_allclose(costs_of(figures, columns_of(scenario)), np.sqrt(expected), rtol=1e-9)
 

@@ -99,7 +99,7 @@ def of_faults(_: Flights, path: Path) -> Path:
         for fault in NAMES
         for k, (name, passed) in enumerate(scenarios.items())
     ]
-    return fault_figure(FaultStudy([*scenarios], 200, 22.0, 5.0, [0] * 4, rows), path)
+    return fault_figure(FaultStudy([*scenarios], 200, 22.0, 5.0, [0] * 4, rows, "engine"), path)
 
 
 def of_map(axes: dict[str, list[float]]) -> Callable[[Flights, Path], Path]:
@@ -111,7 +111,9 @@ def of_map(axes: dict[str, list[float]]) -> Callable[[Flights, Path], Path]:
             MapPoint(p, 1000, 60 * i, 0.0, 0.9, r, None, r, None, 0.9 * r, 2.0 * r, 1.0, None, 3.0, None, {})
             for i, (p, r) in enumerate(zip(points, rms, strict=True))
         ]
-        drawn = map_figure(Map(of, rows, None), path, MapTheory(0.8 * rms, np.linspace(0.0, 0.9, len(rms)), 3.2, None))
+        drawn = map_figure(
+            Map(of, rows, "engine"), path, MapTheory(0.8 * rms, np.linspace(0.0, 0.9, len(rms)), 3.2, None)
+        )
         assert drawn is not None
         return drawn
 
@@ -135,7 +137,7 @@ def of_motion(_: Flights, path: Path) -> Path:
 
 def of_sensitivity(_: Flights, path: Path) -> Path:
     limits = [Limit(m.name, 2.0 * m.careful, (1.5 * m.careful, 3.0 * m.careful)) for m in known_mismatches()]
-    return sensitivity_figure(Sensitivity(NAMED[1], [], [*limits, Limit(TOGETHER, 2.0, (1.0, None))]), path)
+    return sensitivity_figure(Sensitivity(NAMED[1], [], [*limits, Limit(TOGETHER, 2.0, (1.0, None))], "engine"), path)
 
 
 A = np.geomspace(0.01, 1.0, 5)

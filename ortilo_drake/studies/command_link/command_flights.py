@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 from ortilo_drake.flight.ensemble import flights_of, fly_many
 from ortilo_drake.flight.metrics import loss_of as end_of
 from ortilo_drake.flight.metrics import reference_distance
+from ortilo_drake.flight.players import flown_by
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.planner.planned import path_of
@@ -53,7 +54,7 @@ class CommandCase:
 
 @dataclass(frozen=True)
 class CommandFlights:
-    """Hovering behind command links: the conditions, the cases, and the number of cases in which both agree."""
+    """Hovering behind command links: the conditions, the cases, how many cases agree, and the players that flew."""
 
     scenario: str
     point: tuple[float, float, float]
@@ -62,6 +63,7 @@ class CommandFlights:
     seeds: list[int]
     cases: list[CommandCase]
     agree: int
+    flown_by: str
 
 
 def hovering(p_WB: tuple[float, float, float]) -> np.ndarray:
@@ -146,27 +148,30 @@ def command_flights(
     point: tuple[float, float, float] = POINT,
     workers: int = 1,
     progress: Callable[[CommandCase], None] | None = None,
+    player: str = "fastest",
 ) -> CommandFlights:
     """Hover behind each link at a point, with the same seeds, and return predicted and flown figures.
 
     The scenario's planner and command link are replaced. The hovering that counts lasts `duration` [s], after WARM_UP.
-    Flights are kept in the folder `out`, as fly_many does; `progress` gets each finished case. InputError as hover_V.
+    Flights are kept in the folder `out`, as fly_many does, which takes `player`; `progress` gets each finished case.
+    InputError as hover_V.
     """
     seeds = list(seeds)
     told = learned_at(scenario, point)
     V, errors = hover_V(told, point), errors_moment(told, point, duration)
     planner = HoverPlanner(kind="hover", point=point, duration=WARM_UP + duration)
     calm = scenario.model_copy(update={"planner": planner, "settle": 0.0})
-    cases = []
+    cases, players = [], set[str]()
     for link in links:
         flown = calm.model_copy(update={"command_link": link})
-        fly_many(flown, seeds, out, workers)
+        players.update(its.player or "unknown" for its in fly_many(flown, seeds, out, workers, player=player))
         loop = commanded_loop(told, V, delay=link.delay)
         case = _case(link, lossy_loop(loop, link, scenario.h), errors, flights_of(flown, seeds, out))
         cases.append(case)
         if progress:
             progress(case)
-    return CommandFlights(scenario.name, point, duration, WARM_UP, seeds, cases, sum(case.agrees for case in cases))
+    agree, by = sum(case.agrees for case in cases), flown_by([calm], players)
+    return CommandFlights(scenario.name, point, duration, WARM_UP, seeds, cases, agree, by)
 
 
 def _case(link: CommandLink, system: JumpLinear, errors: float, flights: list[xr.Dataset]) -> CommandCase:

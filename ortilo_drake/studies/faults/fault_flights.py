@@ -13,7 +13,7 @@ from ortilo_drake.flight.ensemble import fly_kept
 from ortilo_drake.flight.figures import ESTIMATED, NEES, TRUE
 from ortilo_drake.flight.intervals import Interval, Middle, middle_of, share_interval
 from ortilo_drake.flight.lost import Lost
-from ortilo_drake.flight.players import kept_player
+from ortilo_drake.flight.players import flown_by, kept_player
 from ortilo_drake.flight.store import Amount, Count, Error
 from ortilo_drake.flight.summary import Loss
 from ortilo_drake.model.typed_yaml import InputError
@@ -32,13 +32,14 @@ class Course:
     """A flight's errors over time, with its noise's seed, and the time at which it was lost [s], None if it was not.
 
     Each BIN up to a loss has the mean squared distance of estimated and true position [m^2] and the mean NEES of
-    position, 3 if the filter is consistent.
+    position, 3 if the filter is consistent. player names the one of players.py that flew.
     """
 
     seed: Count
     lost: Amount | None
     square: list[Error]
     nees: list[float]
+    player: str = ""
 
 
 def course_of(seed: int, trace: np.ndarray, loss: Loss | Lost | None, h: float) -> Course:
@@ -54,10 +55,10 @@ def _means(bins: np.ndarray, values: np.ndarray) -> list[float]:
     return mean
 
 
-def fly_courses_of(scenario_json: str, seeds: list[int], folder: str) -> list[Course]:
+def fly_courses_of(scenario_json: str, seeds: list[int], folder: str, player: str) -> list[Course]:
     """Fly some seeds and return their courses. Runs in a worker: the arguments are plain data."""
-    player, h = kept_player(scenario_json, folder), Scenario.model_validate_json(scenario_json).h
-    return [course_of(seed, *traced(player, seed), h) for seed in seeds]
+    flying, h = kept_player(scenario_json, folder, player), Scenario.model_validate_json(scenario_json).h
+    return [course_of(seed, *traced(flying, seed), h) for seed in seeds]
 
 
 fly_courses = partial(fly_kept, Course, fly_courses_of, at_once=COMPILED_AT_ONCE)
@@ -128,7 +129,7 @@ class FaultStudy:
     """The result of the study of faults, as `ortilo faults --json` writes it; rows by fault, then by scenario.
 
     Each row has `flights` flights. Faults begin at `start` [s]; those that end last `length` [s]. lost_without is the
-    number of flights lost without a fault, for each scenario.
+    number of flights lost without a fault, for each scenario. flown_by names the players that flew.
     """
 
     scenarios: list[str]
@@ -137,6 +138,7 @@ class FaultStudy:
     length: float
     lost_without: list[int]
     rows: list[FaultRow]
+    flown_by: str
 
 
 def fault_study(
@@ -148,12 +150,13 @@ def fault_study(
     length: float = LENGTH,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
+    player: str = "fastest",
 ) -> FaultStudy:
     """Fly scenarios without a fault, and with each named fault that applies to them, on `flights` seeds from 0.
 
     Each function of `vary` returns a scenario with settings laid over it. Faults begin at `start` [s]; those that end
-    last `length` [s]. `out`, workers and progress are as in fly_kept. InputError if a flight ends too early to show
-    anything after the fault.
+    last `length` [s]. `out`, workers, progress and player are as in fly_kept. InputError as there, or if a flight ends
+    too early to show anything after the fault.
     """
     wanted: list[tuple[Scenario, Case | None]] = []
     scenarios = []
@@ -164,7 +167,7 @@ def fault_study(
         wanted.append((calm, None))
         cases = [case for case in catalogue(calm, start, length) if case.name in names]
         wanted += [(make((("faults", [case.fault]),)), case) for case in cases]
-    flown = fly_courses([(scenario, range(flights)) for scenario, _ in wanted], out, workers, progress)
+    flown = fly_courses([(scenario, range(flights)) for scenario, _ in wanted], out, workers, progress, player=player)
     rows, without, lost_without = [], flown[0], []
     for (scenario, case), courses in zip(wanted, flown, strict=True):
         if case is None:
@@ -173,7 +176,8 @@ def fault_study(
         else:
             rows.append(row_of(scenario.name, case, courses, without))
     rows.sort(key=lambda row: names.index(row.fault))  # stable: scenarios stay in their order
-    return FaultStudy([s.name for s in scenarios], flights, start, length, lost_without, rows)
+    by = flown_by((scenario for scenario, _ in wanted), (course.player for courses in flown for course in courses))
+    return FaultStudy([s.name for s in scenarios], flights, start, length, lost_without, rows, by)
 
 
 def check_length(scenario: Scenario, start: float, length: float) -> None:

@@ -49,6 +49,8 @@ def fault_text(found: FaultStudy) -> str:
     lines += fault_summary(found)
     lines += table(_HEADER, [_cells(row) for row in found.rows])
     lines += [
+        f"Flown by {found.flown_by}.",
+        "",
         f"Faults begin at {found.start:g} s; those that end last {found.length:g} s. Errors are root mean squares of "
         "the estimated position's distance from the true one, of all flights together that were not lost; times: over "
         "the same seeds without the fault. A fault is passed if no flight is lost, the error after it is at most "

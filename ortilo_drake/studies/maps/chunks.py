@@ -1,4 +1,4 @@
-"""The figures of flights, by the compiled engine if it can fly them, else by Drake, and the files that keep them.
+"""The figures of flights, by any player, and the files that keep them.
 
 A file is Parquet, of CHUNK flights, named by their seeds. It is written to a temporary name and renamed, so it is
 complete or absent: whatever is killed, no flight counts twice or half.
@@ -28,6 +28,7 @@ pa, pq = later("pyarrow"), later("pyarrow.parquet")
 
 CHUNK: Final = 200
 SEED: Final = "seed"
+PLAYER: Final = "player"
 
 
 def chunks_of(seed: int, flights: int) -> list[range]:
@@ -40,11 +41,13 @@ def chunk_file(folder: Path, seeds: range) -> Path:
     return folder / f"seeds_{seeds.start:08d}_{seeds.stop - 1:08d}.parquet"
 
 
-def write_chunk(folder: Path, seeds: range, columns: tuple[str, ...], figures: np.ndarray) -> None:
-    """Keep a chunk's figures (n, columns); InputError, naming the file, if that fails."""
+def write_chunk(
+    folder: Path, seeds: range, columns: tuple[str, ...], figures: np.ndarray, player: str = "engine"
+) -> None:
+    """Keep a chunk's figures (n, columns) and its player; InputError, naming the file, if that fails."""
     buffer = io.BytesIO()
     table = pa.table({SEED: np.array(seeds)} | dict(zip(columns, figures.T.astype(float), strict=True)))
-    pq.write_table(table, buffer, write_page_checksum=True)
+    pq.write_table(table.replace_schema_metadata({PLAYER: player}), buffer, write_page_checksum=True)
     file = chunk_file(folder, seeds)
     keep(file, buffer.getvalue(), in_folder(file), sync=False)
 
@@ -53,6 +56,11 @@ def read_chunk(folder: Path, seeds: range, columns: tuple[str, ...]) -> np.ndarr
     """Return a chunk's figures (n, columns); None if it is absent or damaged, with a warning if damaged."""
     file = chunk_file(folder, seeds)
     return kept(file, in_folder(file), partial(_figures, seeds, columns))
+
+
+def player_of_chunk(folder: Path, seeds: range) -> str:
+    """Return the player that flew a chunk, which read_chunk has read."""
+    return str(pq.read_schema(chunk_file(folder, seeds)).metadata[PLAYER.encode()].decode())
 
 
 def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
@@ -86,12 +94,12 @@ def columns_of(scenario: Scenario) -> tuple[str, ...]:
     return (*FIGURES, *(f"{what}_{sensor}" for sensor in flying for what in ("arrived", "due")))
 
 
-def fly_figures(scenario_json: str, seeds: Sequence[int], folder: str) -> np.ndarray:
+def fly_figures(scenario_json: str, seeds: Sequence[int], folder: str, player: str = "fastest") -> np.ndarray:
     """Fly seeds and return the figures of each (n, columns). Runs in a worker: the arguments are plain data."""
-    player = kept_player(scenario_json, folder)
-    if isinstance(player, Engine):
-        return player.figures(seeds)
-    return np.array([drake_figures(player.fly(seed)) for seed in seeds])
+    flying = kept_player(scenario_json, folder, player)
+    if isinstance(flying, Engine):
+        return flying.figures(seeds)
+    return np.array([drake_figures(flying.fly(seed)) for seed in seeds])
 
 
 def trace_of(flight: xr.Dataset) -> np.ndarray:

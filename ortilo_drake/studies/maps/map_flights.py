@@ -6,14 +6,22 @@ from pathlib import Path
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.ensemble import flight_folder, fly_many
 from ortilo_drake.flight.intervals import Interval, middle_of, quantile, quantile_interval, share_interval
 from ortilo_drake.flight.lost import NOT_LOST
+from ortilo_drake.flight.players import choose, flown_by
 from ortilo_drake.flight.processes.workers import kept_workers, run_all
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.maps.chunks import chunk_file, chunks_of, columns_of, fly_figures, read_chunk, write_chunk
+from ortilo_drake.studies.maps.chunks import (
+    chunk_file,
+    chunks_of,
+    columns_of,
+    fly_figures,
+    player_of_chunk,
+    read_chunk,
+    write_chunk,
+)
 from ortilo_drake.studies.maps.sweep import Sweep, Until, Value, points_of, scenario_at
 from ortilo_drake.theory.consistency.consistency import nees_interval
 
@@ -59,11 +67,11 @@ class MapPoint:
 
 @dataclass(frozen=True)
 class Map:
-    """A map: its sweep, a row for each point, and why Drake instead of the engine flew some points, if it did."""
+    """A map: its sweep, a row for each point, and the players that flew."""
 
     sweep: Sweep
     rows: list[MapPoint]
-    by_drake: str | None
+    flown_by: str
 
 
 def is_enough(sweep: Sweep, lost: int, flights: int) -> bool:
@@ -75,14 +83,20 @@ def is_enough(sweep: Sweep, lost: int, flights: int) -> bool:
 
 
 def fly_map(
-    sweep: Sweep, source: str, out: Path, workers: int, progress: Callable[[int], None] = lambda flown: None
+    sweep: Sweep,
+    source: str,
+    out: Path,
+    workers: int,
+    progress: Callable[[int], None] = lambda flown: None,
+    player: str = "fastest",
 ) -> Map:
     """Fly a map; `source` begins its errors, and progress gets the number of flights that came in.
 
     Chunks that are already in the folder `out` are not flown again; 1 worker flies in this process. If the number of
     flights is open, the points that need more get a chunk each, round by round: so their number depends on the flights
-    alone, not on which worker was first. InputError if a point's scenario is wrong, a flight cannot be flown, or a file
-    cannot be written.
+    alone, not on which worker was first. `player` is as in players.choose; chunks already in the folder stay, whichever
+    player flew them. InputError if a point's scenario is wrong, the player cannot fly it, a flight cannot be flown, or
+    a file cannot be written.
     """
     points = points_of(sweep)
     scenarios = [scenario_at(sweep, point, source) for point in points]
@@ -94,7 +108,8 @@ def fly_map(
     with kept_workers():
         while open_points and number < len(chunks):
             of_round = chunks[number : number + step]
-            _fly([(scenarios[i], folders[i], chunk) for i in open_points for chunk in of_round], workers, progress)
+            wanted = [(scenarios[i], folders[i], chunk) for i in open_points for chunk in of_round]
+            _fly(wanted, workers, progress, player)
             for i in open_points:
                 for chunk in of_round:
                     figures = _kept(scenarios[i], folders[i], chunk)
@@ -105,26 +120,34 @@ def fly_map(
         if sweep.whole:
             seeds = range(sweep.seed, sweep.seed + min(sweep.whole, sweep.most_flights))
             for scenario in scenarios:
-                fly_many(scenario, seeds, out / "whole", workers)
-    rows = []
+                fly_many(scenario, seeds, out / "whole", workers, player=player)
+    rows, players = [], set[str]()
     for point, scenario, folder, (_, flights) in zip(points, scenarios, folders, counts, strict=True):
-        rows.append(_row(point, scenario, folder, chunks_of(sweep.seed, sweep.most_flights), flights))
-    return Map(sweep, rows, next((why for s in scenarios if (why := why_not(s))), None))
+        used = [chunk for chunk in chunks if chunk.start - sweep.seed < flights]
+        rows.append(_row(point, scenario, folder, used))
+        players.update(player_of_chunk(folder, chunk) for chunk in used)
+    return Map(sweep, rows, flown_by(scenarios, players))
 
 
-def figures_of_points(scenarios: list[Scenario], out: Path, seed: int, flights: int, workers: int) -> list[np.ndarray]:
-    """Fly scenarios, each on `flights` seeds from `seed` on, and return each one's figures (n, columns).
+def figures_of_points(
+    scenarios: list[Scenario], out: Path, seed: int, flights: int, workers: int, player: str = "fastest"
+) -> tuple[list[np.ndarray], set[str]]:
+    """Fly scenarios, each on `flights` seeds from `seed` on; return each one's figures (n, columns), and the players.
 
-    Flights kept in the folder `out` are not flown again; 1 worker flies in this process.
+    Flights kept in the folder `out` are not flown again; 1 worker flies in this process; player as in fly_map.
     """
     folders, chunks = [flight_folder(out, scenario) for scenario in scenarios], chunks_of(seed, flights)
     pairs = list(zip(scenarios, folders, strict=True))
-    _fly([(*pair, chunk) for pair in pairs for chunk in chunks], workers, lambda flown: None)
-    return [np.concatenate([_kept(*pair, chunk) for chunk in chunks]) for pair in pairs]
+    _fly([(*pair, chunk) for pair in pairs for chunk in chunks], workers, lambda flown: None, player)
+    figures = [np.concatenate([_kept(*pair, chunk) for chunk in chunks]) for pair in pairs]
+    return figures, {player_of_chunk(folder, chunk) for folder in folders for chunk in chunks}
 
 
-def _fly(wanted: Sequence[tuple[Scenario, Path, range]], workers: int, progress: Callable[[int], None]) -> None:
-    """Fly the chunks that are missing, and keep their figures."""
+def _fly(
+    wanted: Sequence[tuple[Scenario, Path, range]], workers: int, progress: Callable[[int], None], player: str
+) -> None:
+    """Fly the chunks that are missing, and keep their figures; InputError if the player cannot fly one of all."""
+    players = {id(scenario): choose(scenario, player) for scenario, _, _ in wanted}
     missing = []
     for scenario, folder, chunk in wanted:
         if read_chunk(folder, chunk, columns_of(scenario)) is not None:
@@ -132,11 +155,11 @@ def _fly(wanted: Sequence[tuple[Scenario, Path, range]], workers: int, progress:
         else:
             missing.append((scenario, folder, chunk))
     texts = {id(scenario): scenario.model_dump_json() for scenario, _, _ in missing}
-    jobs = [(texts[id(scenario)], chunk, folder.name) for scenario, folder, chunk in missing]
+    jobs = [(texts[id(scenario)], chunk, folder.name, players[id(scenario)]) for scenario, folder, chunk in missing]
 
     def take(number: int, figures: np.ndarray) -> None:
         scenario, folder, chunk = missing[number]
-        write_chunk(folder, chunk, columns_of(scenario), figures)
+        write_chunk(folder, chunk, columns_of(scenario), figures, players[id(scenario)])
         progress(len(chunk))
 
     run_all(fly_figures, jobs, workers, take)
@@ -149,10 +172,9 @@ def _kept(scenario: Scenario, folder: Path, chunk: range) -> np.ndarray:
     return figures
 
 
-def _row(point: dict[str, Value], scenario: Scenario, folder: Path, chunks: list[range], flights: int) -> MapPoint:
-    """Return the figures of a point from its first flights; only one point's figures are in memory at a time."""
+def _row(point: dict[str, Value], scenario: Scenario, folder: Path, used: list[range]) -> MapPoint:
+    """Return the figures of a point from the chunks used; only one point's figures are in memory at a time."""
     columns = columns_of(scenario)
-    used = [chunk for chunk in chunks if chunk.start - chunks[0].start < flights]
     figures = np.concatenate([_kept(scenario, folder, chunk) for chunk in used])
     named = dict(zip(columns, figures.T, strict=True))
     is_lost = named["cause"] != NOT_LOST

@@ -175,9 +175,8 @@ def map_text(found: Map, theory: MapTheory | None = None) -> str:
         f"- Lost: {lost:,} of {flights:,} flights {share(lost, flights)}, at {len(rows):,} points.",
         f"- Best: {_said(best)}.",
         f"- Worst: {_said(worst)}.",
+        f"- Flown by {found.flown_by}.",
     ]
-    if found.by_drake:
-        lines.append(f"- Drake flew what the compiled engine does not: {found.by_drake}.")
     if theory is not None:
         lines.append(f"- {_on(theory)}.")
     lines.append("")

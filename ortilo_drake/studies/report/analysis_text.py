@@ -124,7 +124,7 @@ def commands_text(found: CommandReport, flown: CommandFlights | None) -> list[st
         how_late += f" these grow: {late.modes}."
     lines += [f"Commands may come {how_late}", ""]
     if flown is not None:
-        lines += [f"Flown: hovering {flown.duration:g} s, {len(flown.seeds)} seeds each.", ""]
+        lines += [f"Flown: hovering {flown.duration:g} s, {len(flown.seeds)} seeds each, by {flown.flown_by}.", ""]
         header = ["link", "growth a tick", "predicted rms [m]", "flown rms [m]", "flights lost", "as predicted"]
         lines += table(header, [_case_row(case) for case in flown.cases])
     return lines
@@ -159,8 +159,8 @@ def _case_row(case: CommandCase) -> list[str]:
 def honesty_text(found: Honesty) -> list[str]:
     """Return the section on consistency and efficiency from analyze.honesty_section."""
     lines = ["## Is the filter honest?", ""]
-    lines += [f"{found.flights} flights, {found.lost} lost. Means with 95 % intervals over flights; in brackets"]
-    lines += ["what a consistent filter has.", ""]
+    lines += [f"{found.flights} flights, {found.lost} lost, flown by {found.flown_by}."]
+    lines += ["Means with 95 % intervals over flights; in brackets what a consistent filter has.", ""]
     rows = []
     for kind, averages, dof in (("NEES", found.nees, DOF), ("NIS", found.nis, {})):
         for name, over in averages.items():
@@ -210,7 +210,10 @@ def tube_text(found: TubeReport) -> list[str]:
     for kind, columns in (("rates", [first, second]), ("bursts", ["rate", "burst [s]"])):
         if not found.flights[kind]:
             continue
-        lines += [f"Flown at {kind}: ticks within the predicted radius, and what the linear theory expects of it:", ""]
+        lines += [
+            f"Flown at {kind} by {found.flown_by}: ticks within the predicted radius, and what linear theory expects:",
+            "",
+        ]
         rows = [
             [f"{f.at[0]:g}", f"{f.at[1]:g}", f"{f.radius_mean:.2f}", f"{f.margin:.2f}"]
             + [f"{100 * f.contained:.1f} % [{100 * f.contained_low:.1f}, {100 * f.contained_high:.1f}]"]

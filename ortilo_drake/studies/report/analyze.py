@@ -8,6 +8,7 @@ import numpy as np
 
 from ortilo_drake.flight.ensemble import flights_of, fly_many
 from ortilo_drake.flight.flight import AXES
+from ortilo_drake.flight.players import choose, flown_by
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.signals import N_X
@@ -58,9 +59,10 @@ class Theory:
 
 @dataclass(frozen=True)
 class Honesty(ConsistencyReport):
-    """The consistency of a scenario's own flights, and their efficiency by axis."""
+    """The consistency of a scenario's own flights, their efficiency by axis, and the players that flew."""
 
     efficiency: dict[str, AxisEfficiency]
+    flown_by: str
 
 
 @dataclass(frozen=True)
@@ -120,9 +122,12 @@ def theory(scenario: Scenario, step: Step = lambda what, done, total: None) -> T
 
 
 def honesty_section(
-    scenario: Scenario, flights: int, out: Path, workers: int, step: Step
+    scenario: Scenario, flights: int, out: Path, workers: int, step: Step, player: str = "fastest"
 ) -> tuple[Honesty, list[Path]]:
-    """Return the consistency and efficiency of the scenario's own flights, and the files of the figures."""
+    """Return the consistency and efficiency of the scenario's own flights, and the files of the figures.
+
+    `player` is as in fly_many.
+    """
     done = 0
 
     def count(_: Summary) -> None:
@@ -130,28 +135,35 @@ def honesty_section(
         done += 1
         step("flights", done, flights)
 
-    summaries = fly_many(scenario, range(flights), out / "flights", workers, count)
+    summaries = fly_many(scenario, range(flights), out / "flights", workers, count, player)
     flown = flights_of(scenario, range(flights), out / "flights")
     efficiency = {axis: efficiency_of(axis, summaries) for axis in AXES}
-    report = Honesty(**vars(consistency_report(flown)), efficiency=efficiency)
+    by = flown_by([scenario], (its.player or "unknown" for its in summaries))
+    report = Honesty(**vars(consistency_report(flown)), efficiency=efficiency, flown_by=by)
     name = scenario.name
     nees = nees_figure({name: flown}, figure_file(out, "nees"))
     return report, [nees, whiteness_figure({name: report}, figure_file(out, "whiteness"))]
 
 
 def analyze(
-    scenario: Scenario, flights: int, out: Path, workers: int = 1, step: Step = lambda what, done, total: None
+    scenario: Scenario,
+    flights: int,
+    out: Path,
+    workers: int = 1,
+    step: Step = lambda what, done, total: None,
+    player: str = "fastest",
 ) -> tuple[Analysis, list[Path]]:
     """Return the whole analysis, and the files of the figures, which are in the folder `out` beside the flights.
 
     `flights` flights, 0 for none, are of the scenario and of each pair of arrival rates, with seeds as in the flights'
     sections. The flights of a scenario without theory (why_no_loop) are judged too. Flights that are already there are
-    not flown again. `step` gets what is being done, how much is done, and the total. InputError as theory; or if there
-    is neither theory nor flights.
+    not flown again. `step` gets what is being done, how much is done, and the total. `player` is as in fly_many.
+    InputError as theory; if there is neither theory nor flights; or if the player cannot fly the scenario.
     """
     why = why_no_loop(scenario) or why_no_gain(hover_loop(scenario))
     if why and not flights:
         raise InputError(f"{why}; without theory, --flights must be 1 or more: flights are judged alone")
+    choose(scenario, player)  # refuses before any work
     found, figures = None if why else theory(scenario, step), []
     flown = honesty = tube = None
     if flights and found:
@@ -163,13 +175,14 @@ def analyze(
             point=hover_point(scenario),
             workers=workers,
             progress=lambda case: step("command flights", 0, 1),
+            player=player,
         )
     if flights:
-        honesty, drawn = honesty_section(scenario, flights, out, workers, step)
+        honesty, drawn = honesty_section(scenario, flights, out, workers, step, player)
         figures += drawn
     no_tube = why or why_no_tube(scenario)
     if no_tube is None:
-        tube, drawn = tube_report(scenario, flights, out, workers, step)
+        tube, drawn = tube_report(scenario, flights, out, workers, step, player)
         figures += drawn
     missing, alone = (left_out(scenario), in_the_rms_alone(scenario)) if found else (None, None)
     return Analysis(scenario.name, why, found, missing, alone, flights, flown, honesty, no_tube, tube), figures

@@ -13,6 +13,7 @@ from ortilo_drake.flight.figures import FIGURES
 from ortilo_drake.flight.flight import AXES
 from ortilo_drake.flight.intervals import Interval, Middle, middle_of, share_interval
 from ortilo_drake.flight.lost import NOT_LOST
+from ortilo_drake.flight.players import flown_by
 from ortilo_drake.flight.store import Count, Error
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.maps.chunks import fly_figures
@@ -38,13 +39,15 @@ class Outcome:
     """The outcome of a flight in a study of mismatches: the seed of all noise, and whether it was lost.
 
     mse is the mean squared error of the estimate per axis [m^2] up to a loss, see metrics.estimation_mse; nees is the
-    mean of metrics.position_nees up to a loss, 3 if the filter is consistent.
+    mean of metrics.position_nees up to a loss, 3 if the filter is consistent. player names the one of players.py that
+    flew.
     """
 
     seed: Count
     lost: bool
     mse: dict[str, Error]
     nees: float
+    player: str = ""
 
 
 def outcome(seed: int, figures: Sequence[float]) -> Outcome:
@@ -53,9 +56,9 @@ def outcome(seed: int, figures: Sequence[float]) -> Outcome:
     return Outcome(seed, found["cause"] != NOT_LOST, {axis: found[f"mse_{axis}"] for axis in AXES}, found["nees"])
 
 
-def fly_outcomes_of(scenario_json: str, seeds: list[int], folder: str) -> list[Outcome]:
+def fly_outcomes_of(scenario_json: str, seeds: list[int], folder: str, player: str) -> list[Outcome]:
     """Fly some seeds and return their outcomes. Runs in a worker: the arguments are plain data."""
-    return list(map(outcome, seeds, fly_figures(scenario_json, seeds, folder)))
+    return list(map(outcome, seeds, fly_figures(scenario_json, seeds, folder, player)))
 
 
 fly_outcomes = partial(fly_kept, Outcome, fly_outcomes_of, at_once=COMPILED_AT_ONCE)
@@ -105,12 +108,13 @@ class Sensitivity:
     """The result of the study of sensitivity of a scenario, as `ortilo sensitivity --json` writes it.
 
     rows are without mismatch, then with each mismatch alone at its given values. limits are for each mismatch alone,
-    then for all together.
+    then for all together. flown_by names the players that flew.
     """
 
     scenario: str
     rows: list[MismatchRow]
     limits: list[Limit]
+    flown_by: str
 
 
 Want = tuple[Settings, Iterable[int]]
@@ -123,16 +127,21 @@ def sensitivity(
     workers: int = 1,
     say: Callable[[str], None] = lambda part: None,
     progress: Callable[[int], None] | None = None,
+    player: str = "fastest",
 ) -> Sensitivity:
     """Fly a scenario under each mismatch that changes anything for it; `say` gets what is flown as it begins.
 
     All rows fly the same seeds, 0 to flights - 1. A search flies each further seed at one level, so that its flights
     are independent, and at most SEARCH times as many. `vary` returns the scenario with settings laid over it; its
-    cameras are flown projected. out, workers and progress are as in fly_kept.
+    cameras are flown projected. out, workers, progress and player are as in fly_kept.
     """
+    players = set[str]()
 
     def fly(wanted: Sequence[Want]) -> list[list[Outcome]]:
-        return fly_outcomes([(vary(under).projected(), seeds) for under, seeds in wanted], out, workers, progress)
+        asked = [(vary(under).projected(), seeds) for under, seeds in wanted]
+        outcomes = fly_outcomes(asked, out, workers, progress, player=player)
+        players.update(its.player for found in outcomes for its in found)
+        return outcomes
 
     scenario = vary(())
     mismatches = mismatches_of(scenario)
@@ -151,7 +160,8 @@ def sensitivity(
     if without is not None:
         known = {m.name: [Flown(r.value, r.flights, r.lost) for r in rows if r.mismatch == m.name] for m in searched}
         limits = search(fly, searched, without, known, range(flights, (1 + SEARCH) * flights), say)
-    return Sensitivity(scenario.name, rows, [Limit(name, *level) for name, level in limits.items()])
+    by = flown_by([scenario.projected()], players)
+    return Sensitivity(scenario.name, rows, [Limit(name, *level) for name, level in limits.items()], by)
 
 
 def _without(fly: Callable[[Sequence[Want]], list[list[Outcome]]], flights: int, calm: list[Outcome]) -> Flown | None:

@@ -38,7 +38,8 @@ def sensitivity_text(found: Sensitivity) -> str:
         "with the lost",
     ]
     lines = [f"# What must you know, how well: {found.scenario}", ""]
-    careful, rows = of_careful_team(), [*table(header, [_cells(row) for row in found.rows]), SAID, ""]
+    careful, said = of_careful_team(), f"Flown by {found.flown_by}. {SAID}"
+    rows = [*table(header, [_cells(row) for row in found.rows]), said, ""]
     if is_lost_without(found):
         return "\n".join([*lines, "## In short", "", f"- {NO_LIMITS}", "", *rows])
     lines += [*sensitivity_summary(found, careful, TOGETHER), *rows]

@@ -23,12 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.ensemble import flight_folder, flights_of, fly_many
 from ortilo_drake.flight.figures import REFERENCE, TRUE
 from ortilo_drake.flight.lost import Lost
 from ortilo_drake.flight.metrics import loss_of
-from ortilo_drake.flight.players import kept_player
+from ortilo_drake.flight.players import choose, kept_player
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.flight.summary import Loss
 from ortilo_drake.model.typed_yaml import InputError
@@ -55,11 +54,12 @@ OTHER_SEEDS = tuple(range(1001, 1041))  # seeds of the arrivals for the mixture'
 
 
 class Flown(NamedTuple):
-    """A seed's flight: true position less r_k [m] (n, 3) up to its loss, and the loss's time [s], None without one."""
+    """A seed's flight: true position less r_k [m] (n, 3) up to its loss, the loss's time [s] or None, its player."""
 
     seed: int
     deviation: np.ndarray
     lost: float | None
+    player: str = "engine"
 
 
 @dataclass(frozen=True)
@@ -120,21 +120,23 @@ def fly_compiled(scenario_json: str, seeds: list[int], folder: str) -> list[Flow
     return [_flown(seed, *traced(engine, seed)) for seed in seeds]
 
 
-def fly_point(lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1) -> list[Flown]:
+def fly_point(
+    lossy: Scenario, seeds: Iterable[int], out: Path, workers: int = 1, player: str = "fastest"
+) -> list[Flown]:
     """Return the flights of a point; errors as in `fly_many`.
 
-    The engine flies the scenario if it can, and keeps no flight: reading a kept one would take longer. Otherwise Drake
-    flies; its flights are kept in the folder, and those already there are not flown again.
+    The engine keeps no flight: reading a kept one would take longer. Drake's flights are kept in the folder, and those
+    already there are not flown again. The player is as in fly_many.
     """
     seeds = list(seeds)
-    if why_not(lossy) is None:
+    if choose(lossy, player) == "engine":
         text, found, folder = lossy.model_dump_json(), dict[int, list[Flown]](), flight_folder(out, lossy).name
         jobs = [(text, seeds[at : at + COMPILED_AT_ONCE], folder) for at in range(0, len(seeds), COMPILED_AT_ONCE)]
         run_all(fly_compiled, jobs, workers, found.__setitem__)
         return [one for number in sorted(found) for one in found[number]]
-    fly_many(lossy, seeds, out, workers)
-    saved = flights_of(lossy, seeds, out)
-    return [_flown(seed, trace_of(flight), loss_of(flight)) for seed, flight in zip(seeds, saved, strict=True)]
+    fly_many(lossy, seeds, out, workers, player=player)
+    saved = zip(seeds, flights_of(lossy, seeds, out), strict=True)
+    return [_flown(k, trace_of(its), loss_of(its))._replace(player=its.attrs["player"]) for k, its in saved]
 
 
 def judge_point(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ortilo_drake.flight.players import flown_by
 from ortilo_drake.onboard.estimator.filter_model import filter_of
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import unwired
@@ -74,19 +75,23 @@ class TubeReport:
     """The tube's margins over rates and bursts, and the points by 'rates' and 'bursts' whose flights check the tube.
 
     rates: the rates of the two sensors by name, and 'margin', the least margin over them [m] (first, second).
+    flown_by names the players that flew, empty if there was no flight.
     """
 
     rates: dict[str, np.ndarray]
     bursts: BurstMargins
     flights: dict[str, list[PointResult]]
+    flown_by: str
 
 
-def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step: Step) -> tuple[TubeReport, list[Path]]:
+def tube_report(
+    scenario: Scenario, flights: int, out: Path, workers: int, step: Step, player: str = "fastest"
+) -> tuple[TubeReport, list[Path]]:
     """Return the tube's margins over rates and bursts with the comparison of flights, and the figures drawn.
 
     The scenario has two sensors beside the imu; its own blackouts and losses are left out. `flights` of each point are
     flown, 0 for none, in the folder flights within `out`, the figures' folder. `step` is called with the name of the
-    work, the number of steps done and their total.
+    work, the number of steps done and their total. `player` is as in fly_many.
     """
     calm = without_blackouts(scenario)
     nominal, sensors = nominal_flight(calm), map_sensors(calm)
@@ -102,12 +107,14 @@ def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step:
     bursts_chance = ChanceGrid(CHANCE_BURST_RATES, CHANCE_BURSTS, chance_map(calm, cases, ARRIVALS))
 
     shown: dict[Point, Sequence[Flown]] = {}
+    players = set[str]()
     results: dict[str, list[PointResult]] = {"rates": [], "bursts": []}
     points = [("rates", p) for p in PAIRS] + [("bursts", p) for p in BURSTS]
     for k, (kind, point) in enumerate(points if flights else []):
         step("tube flights", k, len(points))
         lossy = with_rates(calm, *point) if kind == "rates" else at_burst(calm, point)
-        flown = fly_point(lossy, range(1, flights + 1), out / "flights", workers)
+        flown = fly_point(lossy, range(1, flights + 1), out / "flights", workers, player)
+        players.update(one.player for one in flown)
         results[kind].append(judge_point(lossy, point, flown, nominal))
         if kind == "rates" and point in SHOWN:
             shown[point] = flown
@@ -121,4 +128,4 @@ def tube_report(scenario: Scenario, flights: int, out: Path, workers: int, step:
         dict.fromkeys(sensors, RATES) | {"margin": rates.whole},
         BurstMargins(BURST_RATES, BURST_LENGTHS, bursts.whole),
     )
-    return TubeReport(*maps, results), figures
+    return TubeReport(*maps, results, flown_by([calm], players)), figures

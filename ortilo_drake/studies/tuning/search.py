@@ -17,9 +17,9 @@ import yaml
 from pydantic import Field, model_validator
 from scipy import stats
 
-from ortilo_drake.diagrams.wiring.whole import why_not
 from ortilo_drake.flight.intervals import share_interval
 from ortilo_drake.flight.lost import NOT_LOST
+from ortilo_drake.flight.players import flown_by
 from ortilo_drake.flight.processes.workers import kept_workers
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario, load_scenario
@@ -112,7 +112,7 @@ class Judged:
 class Found:
     """The result of a search: its file, the start, the best candidate, and all candidates in order.
 
-    judged compares start and best. by_drake says why Drake flew instead of the engine; None if the engine flew.
+    judged compares start and best. flown_by names the players that flew.
     """
 
     search: Search
@@ -120,7 +120,7 @@ class Found:
     best: Candidate
     history: list[Candidate]
     judged: Judged
-    by_drake: str | None
+    flown_by: str
 
 
 def costs_of(figures: np.ndarray, columns: Sequence[str]) -> np.ndarray:
@@ -142,23 +142,29 @@ def compare_costs(start: np.ndarray, found: np.ndarray) -> Judged:
 
 
 def search_by_flights(
-    search: Search, source: str, out: Path, workers: int, say: Callable[[int, float], None] = lambda flown, least: None
+    search: Search,
+    source: str,
+    out: Path,
+    workers: int,
+    say: Callable[[int, float], None] = lambda flown, least: None,
+    player: str = "fastest",
 ) -> Found:
     """Search settings by flying them; `say` gets the number of candidates and the least cost [m] so far.
 
     Figures of all flights are kept in the folder `out` and not flown again: a stopped search continues where it was,
-    and finds the same with any number of workers. `source` begins the errors. InputError if a setting does not allow
-    its range, or a flight cannot be flown or kept.
+    and finds the same with any number of workers and any player (players.choose). `source` begins the errors.
+    InputError if a setting does not allow its range, the player cannot fly it, or a flight cannot be flown or kept.
     """
     import cma  # an extra that reading a search file does not need
 
-    axes, own = list(search.axes.values()), base_of(search)
+    axes, own, players = list(search.axes.values()), base_of(search), set[str]()
 
     def values_of(place: np.ndarray) -> tuple[float, ...]:
         return tuple(axis.at(np.array([share]))[0] for axis, share in zip(axes, place, strict=True))
 
     def fly(scenarios: list[Scenario], first: int, flights: int) -> list[np.ndarray]:
-        figures = figures_of_points(scenarios, out, first, flights, workers)
+        figures, flying = figures_of_points(scenarios, out, first, flights, workers, player)
+        players.update(flying)
         return [costs_of(f, columns_of(s)) for f, s in zip(figures, scenarios, strict=True)]
 
     def weigh(places: list[np.ndarray]) -> list[Candidate]:
@@ -182,7 +188,7 @@ def search_by_flights(
         best = min(history, key=lambda one: one.cost)
         result = scenario_at(search, best.settings, source)
         judged = compare_costs(*fly([own, result], search.seed + search.flights, search.judge))
-    return Found(search, start, best, history, judged, why_not(own))
+    return Found(search, start, best, history, judged, flown_by([own], players))
 
 
 def _candidate(settings: dict[str, Any], costs: np.ndarray) -> Candidate:
@@ -226,9 +232,7 @@ def search_lines(found: Found) -> list[str]:
     for name, (count, least, most) in (("start", judged.start_lost), ("found", judged.found_lost)):
         lines.append(f"{name}: {count} of {judged.flights} lost ({least:.2%} to {most:.2%})")
     lines.append(f"the mean over flights of the RMS distance from the path, a lost flight counting {LOST:g} m")
-    if found.by_drake is not None:
-        lines.append(f"Drake flew, not the engine: {found.by_drake}")
-    return lines
+    return [*lines, f"flown by {found.flown_by}"]
 
 
 def found_text(found: Found, base: str) -> str:

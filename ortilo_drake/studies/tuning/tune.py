@@ -10,7 +10,7 @@ import xarray as xr
 import yaml
 
 from ortilo_drake.flight.metrics import estimation_mse, loss_of, position_nees
-from ortilo_drake.flight.players import player_of
+from ortilo_drake.flight.players import choose, flown_by, player_of
 from ortilo_drake.flight.saved_flight import load_flight
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.signals import N_X
@@ -47,11 +47,12 @@ class FlownFigures:
 
 @dataclass(frozen=True)
 class Check:
-    """Flights before and after a tuning, on seeds that the fit has not seen."""
+    """Flights before and after a tuning, on seeds that the fit has not seen, and the players that flew."""
 
     seeds: list[int]
     before: FlownFigures
     after: FlownFigures
+    flown_by: str
 
 
 @dataclass(frozen=True)
@@ -187,15 +188,17 @@ def tune(files: Sequence[Path], progress: Callable[[int], None] = lambda evaluat
     )
 
 
-def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callable[[], None]) -> Check:
-    """Fly the scenario before and after tuning on seeds that the fit has not seen."""
+def check_flights(
+    tuning: Tuning, before: Scenario, count: int, progress: Callable[[], None], player: str = "fastest"
+) -> Check:
+    """Fly the scenario before and after tuning on seeds that the fit has not seen; the player is as in choose."""
     first = max(flight.seed for flight in tuning.flights) + 1
     seeds = list(range(first, first + count))
     flights: dict[str, list[xr.Dataset]] = {"before": [], "after": []}
     for name, scenario in (("before", before), ("after", tuning.fitted)):
-        player = player_of(scenario)
+        flying = player_of(scenario, player)
         for seed in seeds:
-            flights[name].append(finite_part(player.fly(seed)))
+            flights[name].append(finite_part(flying.fly(seed)))
             progress()
     pairs = zip(flights["before"], flights["after"], strict=True)
     both = [k for k, pair in enumerate(pairs) if all(loss_of(flight) is None for flight in pair)]
@@ -209,7 +212,8 @@ def check_flights(tuning: Tuning, before: Scenario, count: int, progress: Callab
             nees=time_average(nees, [np.ones(len(n), dtype=bool) for n in nees], 3) if kept else None,
         )
 
-    return Check(seeds, figures("before"), figures("after"))
+    by = flown_by([before], [choose(scenario, player) for scenario in (before, tuning.fitted)])
+    return Check(seeds, figures("before"), figures("after"), by)
 
 
 def overlay_text(tuning: Tuning) -> str:

@@ -73,9 +73,7 @@ KINDS: Final = (
         "ortilo faults", frozenset({"scenarios", "flights", "start", "rows"}), None, r"# Faults in flight()", "faults"
     ),
     Kind("ortilo rare", frozenset({"scenario", "verdict", "probability", "independent"}), "scenario", _RARE),
-    Kind(
-        "ortilo map", frozenset({"sweep", "rows", "by_drake"}), "sweep.scenario", r"# A map of (.+) over ", "map", False
-    ),
+    Kind("ortilo map", frozenset({"sweep", "rows"}), "sweep.scenario", r"# A map of (.+) over ", "map", False),
     Kind("ortilo replay --map", frozenset({"map", "motions"}), None, r"# Recorded motions()", "*"),
     Kind("ortilo fit", frozenset({"uwb", "imu", "intervals", "recordings"})),
     Kind("ortilo predict", frozenset({"noise", "flights", "group"}), None, r"# Predicted flights()", "predicted"),

@@ -112,7 +112,7 @@ def test_points_that_are_known_fly_no_more(tmp_path: Path, monkeypatch: pytest.M
 
 
 def _made_up(function: object, jobs: list, workers: int, take: object) -> None:
-    for number, (text, seeds, _) in enumerate(jobs):
+    for number, (text, seeds, *_) in enumerate(jobs):
         figures = np.ones((len(seeds), 14))
         bad = '"probability":0.9' in text.replace(" ", "") or '"loss":0.9' in text.replace(" ", "")
         figures[:, 1] = np.where(np.arange(len(seeds)) % 2 * bad, 0.0, -1.0)
@@ -145,7 +145,7 @@ def made_map(values: np.ndarray, of: Sweep) -> Map:
     rows = []
     for point, value in zip(points_of(of), values.tolist(), strict=True):
         rows.append(row_of(point, value, lost=0))
-    return Map(of, rows, None)
+    return Map(of, rows, "engine")
 
 
 @pytest.mark.long
@@ -164,7 +164,7 @@ def test_sobols_indices_are_those_of_ishigamis_function() -> None:
 def test_a_row_says_what_was_lost_and_counts_it_as_worst() -> None:
     of = sweep(axes={"uwb.link.loss": [0.0, 0.5, 0.9]})
     rows = [row_of(point, 0.2, lost) for point, lost in zip(points_of(of), (0, 2, 7), strict=True)]
-    found = Map(of, rows, None)
+    found = Map(of, rows, "engine")
     text = map_text(found)
     assert "| 0 | 0 of 10 [0, 28 %] | 0.2000 [0.2000, 0.2000] | 0.2000 to 0.2000 | 1.0 [?] | 3.0 [2.9, 3.1] |" in text
     assert "| 0.5 | 2 of 10 [5.7, 51 %] | 0.2000 [0.2000, lost]; kept 0.2000 [0.2000, 0.2000] |" in text
@@ -193,7 +193,7 @@ def test_a_curve_has_the_tables_intervals_and_its_names(drawn_figures: list[Any]
     of = sweep(axes={"uwb.link.loss": [0.0, 0.5, 0.9]})
     rows = [row_of(point, 0.2, lost) for point, lost in zip(points_of(of), (0, 2, 3), strict=True)]
     rows = [dataclasses.replace(row, kept_interval=(0.1, 0.4)) for row in rows]
-    map_figure(Map(of, rows, None), Path())
+    map_figure(Map(of, rows, "engine"), Path())
     (figure,) = drawn_figures
     lost, errors = figure.axes
     assert [axes.get_xlabel() for axes in figure.axes] == ["share of UWB messages lost [-]"] * 2
@@ -205,7 +205,7 @@ def test_a_curve_has_the_tables_intervals_and_its_names(drawn_figures: list[Any]
     for axes in figure.axes:  # the legend is above what is drawn
         assert axes.get_legend().get_window_extent().y0 >= axes.bbox.y1
     kept = [dataclasses.replace(row, lost=0) for row in rows]
-    map_figure(Map(of, kept, None), Path())
+    map_figure(Map(of, kept, "engine"), Path())
     none_lost = drawn_figures[1]
     (only,) = none_lost.axes
     assert only.get_ylabel() == "RMS error [m]"

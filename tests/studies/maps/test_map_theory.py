@@ -36,7 +36,7 @@ def made(axes: dict, lost: Callable[[dict], int], **fields: object) -> Map:
         MapPoint(p, 1000, lost(p), 0.0, 1.0, *[0.05 + 0.1 * i, None] * 2, 0.04, 0.2, 1.0, None, 3.0, None, {})
         for i, p in enumerate(points_of(of))
     ]
-    return Map(of, rows, None)
+    return Map(of, rows, "engine")
 
 
 def test_the_error_where_every_range_arrives_is_the_riccati_equations() -> None:
