@@ -7,15 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ortilo_drake.commands import terminal
-from ortilo_drake.commands.options import (
-    JsonOption,
-    PlayerName,
-    PlayerOption,
-    WorkersOption,
-    picture_option,
-    yaml_option,
-)
+from ortilo_drake.commands import options, terminal
+from ortilo_drake.commands.options import JsonOption, WorkersOption, picture_option, yaml_option
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.model.typed_yaml import InputError
@@ -175,7 +168,7 @@ def tune(
     fly: Annotated[bool, typer.Option("--fly", help="Search settings by flying them: docs/how_to/tune.md.")] = False,
     kept: Annotated[Path, typer.Option(help="With --fly: folder of the flights' figures.")] = Path("out/tune"),
     workers: WorkersOption = None,
-    player: PlayerOption = PlayerName.fastest,
+    player: options.PlayerOption = options.PlayerName.fastest,
 ) -> None:
     """Fit the filter's W and V to saved flights by maximum likelihood, and show NEES and NIS before and after.
 
@@ -195,7 +188,7 @@ def tune(
             raise InputError("--figure, --check, --map: are not for --fly")
         _tune_by_flights(flights, kept, workers, player, out_file, json_file)
         return
-    if player is not PlayerName.fastest and not check:
+    if player != "fastest" and not check:
         raise InputError(f"--player: {player}: is for --fly and --check; nothing else flies")
     if map_file is not None:
         if figure is not None or check:

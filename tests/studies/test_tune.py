@@ -156,7 +156,7 @@ def test_the_command_writes_what_it_is_asked_for(
     printed = capsys.readouterr()
     assert printed.err == ""
     assert "nominal_imu_uwb_tuned, fitted to 2 flights" in printed.out
-    assert "flown anew, seeds 2 to 2" in printed.out
+    assert "flown anew, seeds 2 to 2, by engine:" in printed.out
     assert printed.out.index("numbers were fitted") < printed.out.index("log-likelihood")
     assert load_scenario(overlay) == tuning.fitted
     found = json.loads(data.read_text())
@@ -164,6 +164,8 @@ def test_the_command_writes_what_it_is_asked_for(
     again = estimation_mse(fly(load_scenario(overlay, seed=2)))
     assert found["check"]["after"]["mse"] == pytest.approx(list(again.values()), rel=1e-12)
     assert figure.stat().st_size > 10_000
+    assert run("tune", str(folder), "--json", str(data), "--check", "1", "--player", "drake") == 0
+    assert json.loads(data.read_text())["check"] == found["check"] | {"flown_by": "drake"}
 
 
 @pytest.mark.family("words3---check")

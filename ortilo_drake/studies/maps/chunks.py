@@ -28,7 +28,6 @@ pa, pq = later("pyarrow"), later("pyarrow.parquet")
 
 CHUNK: Final = 200
 SEED: Final = "seed"
-PLAYER: Final = "player"
 
 
 def chunks_of(seed: int, flights: int) -> list[range]:
@@ -47,7 +46,7 @@ def write_chunk(
     """Keep a chunk's figures (n, columns) and its player; InputError, naming the file, if that fails."""
     buffer = io.BytesIO()
     table = pa.table({SEED: np.array(seeds)} | dict(zip(columns, figures.T.astype(float), strict=True)))
-    pq.write_table(table.replace_schema_metadata({PLAYER: player}), buffer, write_page_checksum=True)
+    pq.write_table(table.replace_schema_metadata({"player": player}), buffer, write_page_checksum=True)
     file = chunk_file(folder, seeds)
     keep(file, buffer.getvalue(), in_folder(file), sync=False)
 
@@ -60,7 +59,7 @@ def read_chunk(folder: Path, seeds: range, columns: tuple[str, ...]) -> np.ndarr
 
 def player_of_chunk(folder: Path, seeds: range) -> str:
     """Return the player that flew a chunk, which read_chunk has read."""
-    return str(pq.read_schema(chunk_file(folder, seeds)).metadata[PLAYER.encode()].decode())
+    return str(pq.read_schema(chunk_file(folder, seeds)).metadata[b"player"].decode())
 
 
 def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
