@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from ortilo_drake.diagrams.wiring.intermittent import filtering_of
+from ortilo_drake.diagrams.wiring.intermittent import Filtering, filtering_of
 from ortilo_drake.diagrams.wiring.messages import heard_boxes
 from ortilo_drake.diagrams.wiring.onboard import ESTIMATORS, INPUTS_NAMED, half_of
 from ortilo_drake.loop.diagram import add_wiring
@@ -32,8 +32,9 @@ class OfBelief(Diagram):
         builder.BuildInto(self)
         self.set_name(name)
         self._own = wiring.boxes["estimator"].system if "estimator" in wiring.boxes else None
-        self._belief = belief
-        self._filter = filtering_of(belief) if isinstance(belief.estimator, IntermittentFilter) else None
+        its = filtering_of(belief) if isinstance(belief.estimator, IntermittentFilter) else None
+        self._settable = None if its is None else ("memory" if its.replays else "belief", its.n)
+        self._has_history = its is None or _has_history(belief, its)
 
     def SetBelief(self, context: Context, xbar: np.ndarray, P: np.ndarray) -> None:
         """Set the estimator's estimate (15) and covariance (15 x 15); the context is the root's.
@@ -47,10 +48,10 @@ class OfBelief(Diagram):
         if hasattr(own, "SetBelief"):
             own.SetBelief(context, xbar, P)
             return
-        if own is not None or self._filter is None:
+        if own is not None or self._settable is None:
             whose = f"{own.get_name()}: " if own is not None else ""
             raise InputError(f"estimator: {whose}has no method SetBelief, it cannot be resumed")
-        state, n = "memory" if self._filter.replays else "belief", self._filter.n
+        state, n = self._settable
         values = self._added.state_of(context, "filter", state).copy()
         values[: n + n * n] = with_vehicle_part(values[: n + n * n], n, xbar, P)
         self._added.give(context, {"filter": Values(start={state: values})})
@@ -58,12 +59,13 @@ class OfBelief(Diagram):
     @property
     def has_history(self) -> bool:
         """True if the next estimates depend on past ticks as well as on the present belief."""
-        its, exclude = self._filter, self._belief.multilateration.exclude
-        if self._own is not None:
-            return bool(getattr(self._own, "has_history", True))
-        if its is None or its.replays or its.extras or self._belief.estimator.robust is not None:
-            return True
-        return self._belief.landmark_fix.joint is not None or (exclude is not None and exclude.clock)
+        return self._has_history if self._own is None else bool(getattr(self._own, "has_history", True))
+
+
+def _has_history(belief: Belief, its: Filtering) -> bool:
+    exclude = belief.multilateration.exclude
+    keeps = belief.landmark_fix.joint is not None or (exclude is not None and exclude.clock)
+    return its.replays or bool(its.extras) or belief.estimator.robust is not None or keeps
 
 
 class Estimator(OfBelief):
