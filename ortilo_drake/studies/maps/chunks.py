@@ -18,7 +18,7 @@ from ortilo_drake.flight.figures import FIGURES, figures_of, nees_of_ticks
 from ortilo_drake.flight.flight import FlightSimulator, scenario_of
 from ortilo_drake.flight.lost import CAUSES, NOT_LOST, Lost
 from ortilo_drake.flight.metrics import loss_of
-from ortilo_drake.flight.players import kept_player
+from ortilo_drake.flight.players import CHOICES, kept_player
 from ortilo_drake.flight.store import in_folder, keep, kept
 from ortilo_drake.flight.summary import Loss
 from ortilo_drake.model.optional import later
@@ -67,6 +67,8 @@ def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
     table = pq.read_table(io.BytesIO(data), page_checksum_verification=True)
     if table.schema.names != [SEED, *columns] or table.schema.types != [pa.int64(), *[pa.float64()] * len(columns)]:
         raise ValueError(f"{', '.join(table.schema.names)}: must be {SEED}, {', '.join(columns)}, all numbers")
+    if (table.schema.metadata or {}).get(b"player", b"").decode(errors="replace") not in CHOICES:
+        raise ValueError(f"player: must be one of {', '.join(CHOICES)}")
     if table[SEED].to_pylist() != list(seeds):
         raise ValueError(f"{SEED}: must be {seeds.start} to {seeds.stop - 1}")
     figures = {name: table[name].to_numpy() for name in columns}

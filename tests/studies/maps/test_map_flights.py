@@ -73,6 +73,8 @@ def test_a_damaged_chunk_is_not_read_and_says_so(tmp_path: Path, caplog: pytest.
         with caplog.at_level(logging.WARNING):
             assert read_chunk(tmp_path, range(3), columns) is None
         assert "flown again" in caplog.text
+    write_chunk(tmp_path, range(3), columns, figures, "somebody")
+    assert read_chunk(tmp_path, range(3), columns) is None
     write_chunk(tmp_path, range(1, 4), columns, figures)
     chunk_file(tmp_path, range(1, 4)).rename(file)
     assert read_chunk(tmp_path, range(3), columns) is None  # another chunk's
