@@ -29,10 +29,8 @@ class DigestCache(FunctionCache):
     @cached_property
     def _files(self) -> IndexDataCacheFile:
         # Not before the first call: a function may call another that its module defines below it.
-        name, digest = (
-            self._impl.filename_base.rpartition("-")[0],
-            digest_of(self._py_func, sorted(self._options.items())),
-        )
+        digest = digest_of(self._py_func, sorted(self._options.items()))
+        name = self._impl.filename_base.rpartition("-")[0]  # without the function's line and Python's version
         return IndexDataCacheFile(self.cache_path, f"{name}-{digest}", source_stamp=digest)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

@@ -110,12 +110,12 @@ class CallOnlyLinked(FunctionPass):
 
 
 class Calling(CompilerBase):
-    """numba's compiler, of a function that Python calls and that calls others in that form."""
+    """numba's compiler for a function that Python calls; the njit functions that it calls are only linked into it."""
 
     library: Any = None
 
     def define_pipelines(self) -> list[Any]:
-        """Return numba's passes, and before the lowering that of the library."""
+        """Return numba's passes, with CallOnlyLinked and, where there is a library, KeepLowered among them."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
         passes.add_pass_after(CallOnlyLinked, TranslateByteCode)
         if self.library:
@@ -125,13 +125,13 @@ class Calling(CompilerBase):
 
 
 class Inlined(Calling):
-    """The same, of a function that is only linked itself."""
+    """The same compiler for a function that is itself only linked into its callers."""
 
     library = OnlyLinked
 
 
 class Linked(Inlined):
-    """The same for njit functions, which are longer."""
+    """The same compiler for njit functions, which are longer and are optimised once before they are linked."""
 
     library = OnceOptimised
 

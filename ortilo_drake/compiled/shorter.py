@@ -1,6 +1,6 @@
-"""What numba does at length while it compiles, in shorter ways that come to the same.
+"""Faster replacements, with the same results, for slow functions of numba's compiler.
 
-Each took between a fiftieth and a fifth of the time. They are lent to numba while elements compile.
+Each of these functions took between 2 and 20 % of the compile time. They are replaced only while elements compile.
 """
 
 import gc
@@ -19,7 +19,7 @@ from numba.extending import overload
 from numba.np import arrayobj
 
 DEFAULTS = {name: option.default for name, option in Flags.options.items()}
-HASH = hash(Flags())  # that of the options' names
+HASH = hash(Flags())  # the same for all: numba hashes the options' names alone
 TYPED, PREPARED = functions.BaseFunction.get_call_type, postproc.PostProcessor.run
 OF_ARRAYS, HOLDERS = NumpyRulesArrayOperator.generic, NRTContext.get_meminfos
 
@@ -71,7 +71,7 @@ def equal(flags: Flags, other: Any) -> bool:
 
 
 def heard(tell: Callable[..., None], kind: str, *of: Any, **more: Any) -> None:
-    """Tell an event's listeners, but for those that numba has to time LLVM: it has many, of many events."""
+    """Tell an event to its listeners, except that LLVM is called: numba sends thousands of these to its timers."""
     if kind != "numba:llvm_lock":
         tell(kind, *of, **more)
 
@@ -142,7 +142,7 @@ LENT: Final = (
 
 @contextmanager
 def shorter_ways() -> Iterator[None]:
-    """Lend numba these ways, and look for no unused cycles meanwhile."""
+    """Replace these functions of numba, and turn Python's garbage collection off, within the block."""
     lent = [its for its in LENT if hasattr(its[0], its[1])]  # numba's versions differ
     usual = [(owner, name, getattr(owner, name)) for owner, name, _ in lent]
     collects = gc.isenabled()

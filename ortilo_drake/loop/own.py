@@ -82,7 +82,7 @@ def box(
 
 
 def _check_names(groups: dict[str, dict[str, Any]]) -> None:
-    """Check the names of values, each of which is one parameter's or one field's; ValueError where one is wrong."""
+    """Check that each name is a Python name and is used once, as parameters and fields need; else ValueError."""
     seen = set[str]()
     for group, its in groups.items():
         if not isinstance(its, dict):

@@ -33,7 +33,7 @@ class Player:
         wires = [wiring.wire(name, "recorded") for name in recorded]
         self.width = sum(wire.size for wire in wires)
         self._memory = its = Memory(wiring, self._places)
-        with helpers_only_linked():  # once for all elements: numba's unused cycles are looked for at its end
+        with helpers_only_linked():  # one block for all elements: Python collects numba's garbage once, at the end
             self.text = flight_text(wiring, self._places, wires, ends)
             self._fly: Any = load(f"flight_{digest_of(self.text)}", self.text, {}).fly
             self._fly.compile(tuple(map(typeof, (its.N, its.S, its.W, its.Y, its.T, its.seeds, self.rows(1)))))

@@ -1,7 +1,7 @@
-"""What a function of an element raises while compiled code calls it.
+"""Errors that the functions of elements raise while compiled code calls them.
 
-numba's callers in C go on after it, and Python prints the error as one that nobody can hear. It is heard here, so that
-the player can tell it.
+C code cannot receive a Python error: it calls the next function, and Python prints the error as ignored. The hook here
+keeps the first error of each thread instead, and the player raises it after the flight.
 """
 
 import sys
@@ -14,17 +14,17 @@ from typing import Any, Final
 from ortilo_drake.compiled.digest import plain
 from ortilo_drake.loop.element import Box, Element
 
-_OF_NUMBA: Final = "<numba.core.cpu.CPUContext>"  # what numba calls itself there
+_OF_NUMBA: Final = "<numba.core.cpu.CPUContext>"  # the name that numba gives in such errors
 _first = threading.local()  # a flight is flown in one thread
 _usual = sys.unraisablehook
 
 
 class ElementError(ValueError):
-    """A function of an element that cannot be compiled, or that raises in flight: a line that names its place."""
+    """One line that names the function of an element that numba cannot compile, or that raises in flight."""
 
 
 def places_in(elements: Iterable[Element]) -> str:
-    """Return where the functions of elements begin; of one that is made of a user's function, where that does."""
+    """Return the names, files and first lines of elements' functions, or of the user's functions that they call."""
     functions = [plain(function) for element in elements for function in element.functions.values()]
     inner = [[plain(cell.cell_contents) for cell in its.__closure__ or ()] for its in functions]
     named = [one for its, used in zip(functions, inner, strict=True) for one in [*filter(isfunction, used)] or [its]]
@@ -33,14 +33,14 @@ def places_in(elements: Iterable[Element]) -> str:
 
 
 def listen() -> None:
-    """Hear from now on what elements raise."""
+    """Install the hook that keeps the errors of elements."""
     global _usual
     if sys.unraisablehook is not _hear:
         _usual, sys.unraisablehook = sys.unraisablehook, _hear
 
 
 def tell(boxes: Iterable[Box]) -> None:
-    """Raise ElementError if one of these has raised anything in this thread since the last call."""
+    """Raise ElementError if a function of these boxes has raised an error in this thread since the last call."""
     error, _first.error = getattr(_first, "error", None), None
     if error is not None:
         where = places_in(box.element for box in boxes if box.element.checked)

@@ -239,6 +239,7 @@ def table(**changes: Any) -> pa.Table:
         ({"nees": np.ones(40, dtype=np.float32)}, "must be seed, ticks"),
         ({"more": np.ones(40)}, "must be seed, ticks"),
         ({"seed": list(range(1, 41))}, "seed: must be 0 to 39"),
+        ({}, "player: must be one of fastest, engine"),
     ],
 )
 def test_tables_that_are_no_chunk_are_told(

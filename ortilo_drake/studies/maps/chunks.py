@@ -67,10 +67,10 @@ def _figures(seeds: range, columns: tuple[str, ...], data: bytes) -> np.ndarray:
     table = pq.read_table(io.BytesIO(data), page_checksum_verification=True)
     if table.schema.names != [SEED, *columns] or table.schema.types != [pa.int64(), *[pa.float64()] * len(columns)]:
         raise ValueError(f"{', '.join(table.schema.names)}: must be {SEED}, {', '.join(columns)}, all numbers")
-    if (table.schema.metadata or {}).get(b"player", b"").decode(errors="replace") not in CHOICES:
-        raise ValueError(f"player: must be one of {', '.join(CHOICES)}")
     if table[SEED].to_pylist() != list(seeds):
         raise ValueError(f"{SEED}: must be {seeds.start} to {seeds.stop - 1}")
+    if (table.schema.metadata or {}).get(b"player", b"").decode(errors="replace") not in CHOICES:
+        raise ValueError(f"player: must be one of {', '.join(CHOICES)}")
     figures = {name: table[name].to_numpy() for name in columns}
     kept = figures.get("cause", np.full(len(seeds), NOT_LOST)) == NOT_LOST
     for name, values in figures.items():
