@@ -173,12 +173,20 @@ class PlayedWorld:
 
 
 @contextmanager
-def answering(scenario: Scenario, bus: str) -> Iterator["Future[int]"]:
-    """Run the onboard half of one flight in lockstep in a thread; yield the future number of answered ticks."""
+def answering(scenario: Scenario, bus: str, after_user: bool = False) -> Iterator["Future[int]"]:
+    """Run the onboard half of one flight in lockstep in a thread; yield the future number of answered ticks.
+
+    With `after_user` the half answers the world only once a user has, so that the user hears the flight from its start.
+    """
     joined = open_bus(bus)
     inbox, onboard = Inbox(joined, ("hello", "goal", "tick", *ports())), OnboardHalf(scenario)
 
+    def user_has_answered() -> bool:
+        return any(arrival.packet.value.role == "user" for arrival in inbox.poll(10))
+
     def answer() -> int:
+        if after_user:
+            wait_for(user_has_answered, "a user has answered the world")
         flight = meet_world(joined, inbox, scenario, HANGS).flight
         return answer_over_link(onboard, Outbox(joined, flight.session), inbox)
 

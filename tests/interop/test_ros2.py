@@ -290,11 +290,12 @@ def fly_with_bridge(
 ) -> tuple[xr.Dataset, SimpleNamespace]:
     """Fly in lockstep at PACE with `ortilo hil bridge` beside; return the flight and the bridge's report.
 
-    The flight begins when the bridge listens and wait has returned.
+    The flight begins when wait has returned and the bridge has answered the world, however long it takes to join.
     """
     scenario = load_scenario("nominal_imu_uwb", SETTINGS)
     warm_up(scenario)  # neither half is to wait for the compiler in flight
-    command = [*BRIDGE, "--url", bus, "--key", str(key_file(report.parent)), "--json", str(report), *options]
+    command = [*BRIDGE, "--url", bus, "--key", str(key_file(report.parent)), "--wait", str(HANGS)]
+    command += ["--json", str(report), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as bridge:
         try:
             assert bridge.stdout
@@ -303,7 +304,7 @@ def fly_with_bridge(
                 said.append(bridge.stdout.readline())
                 assert said[-1], said
             wait()
-            with answering(scenario, bus):
+            with answering(scenario, bus, after_user=True):
                 flight, _ = run_world(scenario, bus, KEY, True, HANGS, record=lambda *tick: time.sleep(PACE))
             rest, _ = bridge.communicate(timeout=HANGS)
             assert bridge.returncode == 0, "".join(said) + rest
