@@ -76,8 +76,8 @@ def integrated_boxes(scenario: Scenario, command_period: float | None, x_0: np.n
     if needs_forces(scenario, whole_imu=True):
         felt_by = {"state": "plant", "control": acts, "disturbance": pushes}
         boxes.append(acceleration_box(vehicle, scenario.world.kinematics).with_inputs(**felt_by))
-    if scenario.imu_samples > 1:
-        passed = Passed(PASSED, scenario.imu_samples, h)
+    if scenario.faster_sensors:
+        passed = Passed(PASSED, scenario.instants, h)
         moving = [box for box in boxes if box.name in ("plant", "acceleration")]
         boxes += [bundle("moving", moving), system_box("vehicle", passed, ("passed",), {"signal": ("moving", PASSED)})]
     if scenario.commands.are_reported:

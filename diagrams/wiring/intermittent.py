@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ortilo_drake.diagrams.wiring.messages import solver_boxes
-from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.loop.element import Box, bundle, constant
 from ortilo_drake.model.clock import history_ticks
 from ortilo_drake.model.measurement import CAMERA, UWB, Measurement
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import IMU_SIZE, N_X, N_XBAR
+from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_element import filter_box, vehicle_belief_box
@@ -35,7 +34,6 @@ from ortilo_drake.onboard.estimator.robust.stuck_gate import stuck_box
 from ortilo_drake.onboard.estimator.robust.weights import gate_box, opening_variances, weighing_of
 from ortilo_drake.onboard.ranging.bank_element import bank_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box
-from ortilo_drake.onboard.sample_mean import SampleMean
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import described_per_tick, measuring
 
@@ -109,11 +107,7 @@ def intermittent_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages:
         chain.append(gate.with_inputs(past="beliefs_at_stamp" if past else setup.belief, **measurement_of(chain[-1])))
     variances = imu_variances(belief)
     if variances is not None:
-        name, samples = belief.measurement.sensors[belief.measurement.inertial], belief.imu_samples
-        imu = heard[name]
-        if samples > 1:
-            mean, signals = SampleMean(name, IMU_SIZE, samples), {name: (imu.name, imu.size)}
-            split.append(imu := system_box(f"{name}_mean", mean, ("mean",), signals))
+        imu = handler_inputs[belief.measurement.sensors[belief.measurement.inertial]]  # or its samples' mean
         rows = imu_rows_box(belief.measurement, variances).with_inputs(imu=imu.name, stamps="handler.stamps")
         chain.append(rows.with_inputs(**measurement_of(chain[-1])))
     kalman = kalman_box(belief, setup, xbar_0).with_inputs(**measurement_of(chain[-1]), control="servo")

@@ -7,8 +7,9 @@ from ortilo_drake.model.signals import N_XBAR, SHUTTER_SIZE, size_of_samples
 from ortilo_drake.onboard.detector.detector_network import make_detector
 from ortilo_drake.onboard.estimator.filter_element import parts_box
 from ortilo_drake.onboard.fix_solver import own_fix_box
+from ortilo_drake.onboard.sample_mean import mean_fix_box, sample_mean_box
 from ortilo_drake.scenario import Belief
-from ortilo_drake.sensors.described import described, described_per_tick, port_of
+from ortilo_drake.sensors.described import described, port_of
 from ortilo_drake.sensors.messages import message_port, message_size
 
 
@@ -52,18 +53,21 @@ def solver_boxes(belief: Belief, room: Room, sensor: str, message: Box, at: str)
         at: the box, or its part, of the belief of [x; i] (240) about which the fix is solved. A System reads it in two
             parts, `<sensor>_prior`.
     """
-    its, solver = described_per_tick(sensor, belief), None
-    make = its.make_onboard
-    if belief.samples(sensor) == 1 and its.compiled is not None:
-        solver, make = own_fix_box(sensor, its.compiled, len(its.rows), belief, room), None
-    elif belief.samples(sensor) == 1 and its.solver is not None:
-        solver = its.solver(belief, room)
+    its, n, boxes = described(sensor), belief.samples(sensor), list[Box]()
+    if n > 1:
+        boxes.append(message := sample_mean_box(f"{sensor}_mean", message, n))
+    if its.compiled is not None:
+        solver = own_fix_box(sensor, its.compiled, len(its.rows), belief, room)
+    else:
+        solver = None if its.solver is None else its.solver(belief, room)
     if solver is not None:
-        return [solver.with_inputs(message=message.name, belief=at)]
-    if make is None:
-        return []
-    system, prior = make(belief, room), f"{sensor}_prior"
-    signals = {message_port(system).get_name(): (message.name, message.size)}
-    signals |= {"estimate": (f"{prior}.estimate", N_XBAR), "covariance": (f"{prior}.covariance", N_XBAR**2)}
-    fix = system_box(f"{sensor}_fix", system, (system.get_output_port().get_name(),), signals)
-    return [parts_box(prior).with_inputs(belief=at), fix]
+        boxes.append(solver.with_inputs(message=message.name, belief=at))
+    elif its.compiled is None and its.make_onboard is not None:
+        system, prior = its.make_onboard(belief, room), f"{sensor}_prior"
+        signals = {message_port(system).get_name(): (message.name, message.size)}
+        signals |= {"estimate": (f"{prior}.estimate", N_XBAR), "covariance": (f"{prior}.covariance", N_XBAR**2)}
+        boxes.append(parts_box(prior).with_inputs(belief=at))
+        boxes.append(system_box(f"{sensor}_fix", system, (system.get_output_port().get_name(),), signals))
+    if n > 1 and its.V(belief) is None:  # the covariance comes with the fix
+        boxes.append(mean_fix_box(f"{sensor}_mean_fix", boxes[-1], len(its.rows), n))
+    return boxes

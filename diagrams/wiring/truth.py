@@ -56,7 +56,8 @@ def payloads_of(wiring: Wiring, scenario: Scenario, room: Room) -> dict[str, int
     sizes = dict[str, int]()
     for name in (name for name in scenario.measurement.sensors if name in scenario.sensors):
         sensor = described(name)
-        size = wiring.boxes[name].size if sensor.payload is None else message_size(sensor, scenario, room)
+        is_asked = sensor.payload is None and sensor.compiled is None
+        size = wiring.boxes[name].size if is_asked else message_size(sensor, scenario, room)
         sizes[name] = size - PAYLOAD
     return sizes
 
@@ -127,7 +128,7 @@ def of_sensor(
 ) -> dict[str, Values]:
     """Return a sensor's clock, where it and what it sees stand, and the errors of its messages; arguments as above."""
     clock = Values({"offset": float(drawn[f"clock.offset.{sensor}"]), "drift": float(drawn[f"clock.drift.{sensor}"])})
-    found = {f"{sensor}_clock": clock}
+    found = {f"{sensor}_clock": clock, f"{sensor}_clock_inside": clock}
     errors = errors_of(scenario, sensor, payload)
     if errors is not None:
         n = len(errors.noise.a)

@@ -8,7 +8,6 @@ from ortilo_drake.diagrams.wiring.world import is_system, world_boxes
 from ortilo_drake.loop.element import Box
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.tight import TightFilter
 from ortilo_drake.sensors.described import described
 from ortilo_drake.world.faults.table import check_room
 
@@ -38,10 +37,6 @@ def why_not(scenario: Scenario) -> str | None:
 
     Such a part is a System of Drake's: a renderer, OpenCV's solver, a part of one's own that is no element.
     """
-    is_tight = isinstance(scenario.estimator, TightFilter)
-    faster = [name for name in scenario.faster_sensors if not (is_tight and described(name).samples_itself)]
-    if faster:
-        return f"{faster[0]}.link.rate: is faster than the tick"
     for sensor in scenario.sensors:
         if is_system(scenario, sensor):
             return f"sensors: {sensor}: has no compiled form"

@@ -9,8 +9,9 @@ from ortilo_drake.diagrams.wiring.systems import system_box
 from ortilo_drake.loop.diagram import system_of
 from ortilo_drake.loop.element import Box, constant, outside
 from ortilo_drake.loop.wiring import Wiring
+from ortilo_drake.model.parts import find_part
 from ortilo_drake.model.room import Room
-from ortilo_drake.model.signals import N_U, N_X, PAYLOAD
+from ortilo_drake.model.signals import N_U, N_X, PAYLOAD, SENSORS
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
 from ortilo_drake.onboard.planner.planned import BUILT_IN
 from ortilo_drake.scenario import CommandLink, IntermittentFilter, LqServo, Scenario
@@ -25,7 +26,7 @@ from ortilo_drake.world.radio.command_link import command_link_box
 from ortilo_drake.world.radio.link import delivery_box, is_late, link_box
 from ortilo_drake.world.sensors.own_sensor import own_sensor_box
 from ortilo_drake.world.sensors.sample_collector import SampleCollector
-from ortilo_drake.world.sensors.sensor_clock import clock_box
+from ortilo_drake.world.sensors.sensor_clock import clock_box, clock_inside_box
 from ortilo_drake.world.sensors.sensor_errors import errors_box, errors_of
 from ortilo_drake.world.sensors.true_velocity import shutter_box, velocity_box
 from ortilo_drake.world.vehicle.acted_report import now_box, report_box
@@ -77,7 +78,7 @@ def vehicle_boxes(scenario: Scenario, r_0: np.ndarray, control: str, needs_force
     if scenario.world.plant == "sampled" and not scenario.faster_sensors:
         plant = [plant_box(scenario.vehicle, scenario.world.kinematics, x_0, scenario.h)]
     else:
-        plant = continuous_boxes(scenario, x_0, scenario.imu_samples, needs_forces)
+        plant = continuous_boxes(scenario, x_0, needs_forces)
     moving = plant[0].with_inputs(control=acts, disturbance=pushes)
     boxes = [*pushing, *acting, moving, *plant[1:]]
     if needs_forces:
@@ -151,13 +152,17 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
         settings = settings.model_copy(update={"delay": settings.delay + scenario.latency_of(name)})
     faults = [] if scenario.is_picture(name) else message_faults(scenario.faults, name)
     link = link_box(name, settings, scenario.every(name), h).with_inputs(state="plant")
-    asked, clock = asked_box(name, faults, samples, h), None
+    asked, clocks = asked_box(name, faults, samples, h), list[Box]()
+    seen, passed = "plant", "vehicle.passed"
     if not described(name).is_wired and scenario.truth.clock != ClockTruth():
-        clock = clock_box(name, h).with_inputs(state="plant")
-    seen = "plant" if clock is None else clock.name
+        clocks.append(clock_box(name, h).with_inputs(state=seen))
+        if samples > 1 and not is_system(scenario, name):
+            clocks.append(clock_inside_box(name, scenario.instants, h).with_inputs(passed=passed))
+            passed = clocks[-1].name
+        seen = clocks[0].name
     sensor = source_box(scenario, room, name, seen, whole_imu)
     if sensor.system is None:
-        sensor = sensor.with_inputs(state=seen, sent=link.name if asked is None else asked.name)
+        sensor = sensor.with_inputs(state=seen, passed=passed, sent=link.name if asked is None else asked.name)
     each = 1 if sensor.system is not None else samples  # a System gives its samples one by one
     said, payload = [sensor], (sensor.size - PAYLOAD) // each - (PAYLOAD if each > 1 else 0)
     if name in dict(scenario.truth.sensors):
@@ -175,7 +180,7 @@ def sensor_boxes(scenario: Scenario, room: Room, name: str, whole_imu: bool) -> 
         collector = SampleCollector(name, said[-1].size, samples, h)
         signals = {"sample": (said[-1].name, said[-1].size)}
         said.append(system_box(f"{name}_samples", collector, (name,), signals))
-    before = [box for box in (asked, clock) if box is not None]
+    before = [*([] if asked is None else [asked]), *clocks]
     lands = is_late(settings) or asked is not None or sensor.system is not None
     return [link, *before, *said, *([delivery_box(name, said[-1], settings)] if lands else [])]
 
@@ -216,8 +221,12 @@ def sensor_system(scenario: Scenario, room: Room, name: str) -> System:
 
 
 def is_system(scenario: Scenario, name: str) -> bool:
-    """Return whether a sensor is played by a System: it has no compiled share, or is asked between two ticks."""
-    return (scenario.samples(name) > 1 and not described(name).samples_itself) or not is_element(name)
+    """Return whether a System plays a sensor: it has no compiled share, or a fault of one's own takes its samples.
+
+    Such a fault changes one sample after the other; the imu, which is never a System, refuses it.
+    """
+    faults = message_faults(scenario.faults, name) if scenario.samples(name) > 1 and name not in SENSORS else []
+    return not is_element(name) or any(find_part("fault", its.fault.kind) for its in faults)
 
 
 def is_element(name: str) -> bool:
@@ -234,4 +243,5 @@ def needs_forces(scenario: Scenario, whole_imu: bool) -> bool:
 def reads_whole_imu(scenario: Scenario) -> bool:
     """Return whether more of the imu than its angles may be read."""
     own = not isinstance(scenario.servo, LqServo) or not isinstance(scenario.planner, BUILT_IN)
-    return own or not isinstance(scenario.estimator, IntermittentFilter) or imu_variances(scenario) is not None
+    own = own or not isinstance(scenario.estimator, IntermittentFilter)
+    return own or scenario.imu_samples > 1 or imu_variances(scenario) is not None

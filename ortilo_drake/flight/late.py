@@ -19,7 +19,8 @@ def late_messages(scenario: Scenario) -> list[str]:
         least, most = link.delay + latency, link.delay + latency + link.random_delay
         if most <= oldest[0]:
             continue
-        if scenario.estimator.kind == "tight" and described(sensor).samples_itself:  # the newest earlier sample is used
+        seen = scenario.measurement
+        if scenario.estimator.kind == "tight" and sensor == seen.sensors[seen.inertial]:  # an earlier sample is used
             found.append(
                 f"{sensor}.link.delay: samples come up to {_ticks(most)} late; "
                 "the tight filter integrates none of those"

@@ -116,8 +116,6 @@ class Sensor:
     names; for built-in sensors only."""
     needs_forces: bool = False
     """whether the sensor's element reads the forces on the body."""
-    samples_itself: bool = False
-    """whether the sensor's element outputs all samples of a tick, for a sensor faster than the tick."""
     is_wired: bool = False
     """whether the sensor belongs to the onboard computer: its messages use no radio, and its clock is the filter's."""
     measures: str | None = None

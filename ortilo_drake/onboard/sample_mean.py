@@ -1,38 +1,52 @@
-"""The mean of the samples that a sensor faster than the tick takes in one tick."""
+"""The mean of the samples that a sensor faster than the tick takes in one tick, as elements.
+
+The samples' noise is white, so the mean's noise has 1 / n of their covariance. If a sample is missing, there is no
+mean, because its age and covariance would differ.
+"""
+
+from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP, samples_in, size_of_samples
+from ortilo_drake.loop.element import Box, Element, Values
+from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP
 
 
-class SampleMean(LeafSystem):
-    """A system that turns a message of n samples into a message of one sample, their mean.
+def mean_out(n: Any, message: np.ndarray, out: np.ndarray) -> None:
+    """Output [1, stamp of the newest sample, mean payload] of a message of n samples; zeros if there is no mean."""
+    fill(out, 0.0)
+    if message[ARRIVED] == 0.0:
+        return
+    for i in range(n.samples):
+        if message[PAYLOAD + i * out.size + ARRIVED] == 0.0:
+            return
+    for i in range(n.samples):
+        for j in range(PAYLOAD, out.size):
+            out[j] += message[PAYLOAD + i * out.size + j]
+    for j in range(PAYLOAD, out.size):
+        out[j] /= n.samples
+    out[ARRIVED], out[STAMP] = 1.0, message[message.size - out.size + STAMP]
 
-    The samples' noise is white, so the mean's noise has 1 / n of their covariance. If a sample is missing, there is no
-    mean, because its age and covariance would differ.
 
-    Ports:
-        <name> (2 + n (2 + p)): n samples, see model/signals.py.
-        mean (2 + p, output): [arrived, stamp of the newest sample, mean payload]; zeros if there is no mean.
+def mean_fix_out(n: Any, fix: np.ndarray, out: np.ndarray) -> None:
+    """Output a fix [arrived, stamp, value (m), covariance (m^2)] with 1 / n of its covariance."""
+    put(fix, out)
+    for j in range(PAYLOAD + n.rows, out.size):
+        out[j] *= 1.0 / n.samples
 
-    Args:
-        name: name of the message.
-        size: 2 + p, size of one sample.
-        n: number of samples in a message.
-    """
 
-    def __init__(self, name: str, size: int, n: int):
-        super().__init__()
-        self.set_name(f"{name}_mean")
-        self._n = n
-        self._samples = self.DeclareVectorInputPort(name, size_of_samples(size, n))
-        self.DeclareVectorOutputPort("mean", size, self._calc, prerequisites_of_calc={self._samples.ticket()})
+MEAN = Element("sample_mean", out=mean_out)
+MEAN_FIX = Element("mean_fix", out=mean_fix_out)
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        message = self._samples.Eval(context)
-        samples, mean = samples_in(message, self._n), np.zeros(output.size())
-        if message[ARRIVED] and samples[:, ARRIVED].all():
-            mean[ARRIVED], mean[STAMP] = 1.0, samples[-1, STAMP]
-            mean[PAYLOAD:] = samples[:, PAYLOAD:].mean(axis=0)
-        output.SetFromVector(mean)
+
+def sample_mean_box(name: str, message: Box, n: int) -> Box:
+    """Return the box of the mean of a message's n samples."""
+    size, reads = (message.size - PAYLOAD) // n, {"message": message.name}
+    return Box(name, MEAN, size, Values({"samples": n}), reads=reads)
+
+
+def mean_fix_box(name: str, fix: Box, rows: int, n: int) -> Box:
+    """Return the box of the fix of n samples' mean, given the fix that holds one sample's covariance; rows is m."""
+    given = Values({"samples": n, "rows": rows})
+    return Box(name, MEAN_FIX, fix.size, given, reads={"fix": fix.name})

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import AfterValidator, Field
 
 from ortilo_drake.model.measurement import CAMERA, PAPER, Measurement, Row, make_measurement, seen_earlier
@@ -177,6 +178,12 @@ class Belief(Frozen):
     def faster_sensors(self) -> tuple[str, ...]:
         """The sensors that fly and are faster than the tick."""
         return tuple(sensor for sensor in self.sensors if self.samples(sensor) > 1)
+
+    @property
+    def instants(self) -> np.ndarray:
+        """The instants inside a tick, as shares of the tick, at which sensors faster than the tick are sampled."""
+        counts = [self.samples(sensor) for sensor in self.faster_sensors]
+        return np.unique([i / n for n in counts for i in range(1, n)])
 
     def settings_of(self, sensor: str) -> Any:
         """Return the settings of a registered sensor; its defaults if the scenario has none."""

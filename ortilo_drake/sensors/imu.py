@@ -174,7 +174,7 @@ def unknown(scenario: Scenario, room: Room) -> list[Error]:
 
 def element(scenario: Scenario, room: Room, whole: bool) -> Box:
     """Return the box of the imu."""
-    return imu_box(scenario.imu, scenario.h, whole, scenario.imu_samples).with_inputs(passed="vehicle.passed")
+    return imu_box(scenario.imu, scenario.h, whole, scenario.imu_samples, instants=scenario.instants)
 
 
 def bias_of(its: Drawn) -> np.ndarray:
@@ -261,7 +261,6 @@ SENSOR = Sensor(
     after_sensor=attitude_filter,
     drawn=drawn,
     needs_forces=True,
-    samples_itself=True,
     is_wired=True,
     title="IMU",
     components="φθψ",

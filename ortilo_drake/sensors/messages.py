@@ -9,7 +9,6 @@ from ortilo_drake.model.parts import Sensor
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_XBAR, PAYLOAD
 from ortilo_drake.onboard.estimator.belief import together_box
-from ortilo_drake.onboard.fix_solver import own_fix_box
 from ortilo_drake.scenario import Belief
 
 
@@ -29,15 +28,6 @@ def solver_system(port: str, size: int, solver: Box, h: float) -> System:
     inputs = [outside(port, size), outside("estimate", N_XBAR), outside("covariance", N_XBAR**2)]
     wiring = Wiring([*inputs, prior, solver.with_inputs(message=port, belief="prior")])
     return WiredSystem_[float](solver.name, wiring, {"fix": (solver.name,)}, h)
-
-
-def solver_of(sensor: Sensor, scenario: Belief, room: Room) -> System | None:
-    """Return the System that computes the fix of a sensor's message; None if the message begins with the value."""
-    if sensor.compiled is None:
-        made: System | None = None if sensor.make_onboard is None else sensor.make_onboard(scenario, room)
-        return made
-    box = own_fix_box(sensor.name, sensor.compiled, len(sensor.rows), scenario, room)
-    return None if box is None else solver_system(sensor.name, PAYLOAD + sensor.compiled.payload, box, scenario.h)
 
 
 def message_size(sensor: Sensor, scenario: Belief, room: Room) -> int:

@@ -98,7 +98,6 @@ def test_no_point_of_a_path_is_nearer_than_the_one_found(seed: int, points: int,
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        (("imu.link.rate=60",), "imu.link.rate"),
         (("sensors=[uwb, camera, imu]", "camera.kind=rendered"), "camera.kind"),
         (("sensors=[uwb, camera, imu]", "camera.kind=projected", "landmark_fix.method=pnp"), "landmark_fix.method"),
     ],

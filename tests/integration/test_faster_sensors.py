@@ -34,51 +34,89 @@ FAST = (
     f"imu={{link: {{rate: 240}}, {', '.join(f'{name}_density: {its}' for name, its in DENSITIES.items())}}}",
     "estimator.V.imu=[1.25e-5, 1.25e-5, 1.25e-5]",
 )
+TURNING = np.array([1.05 * M100.hover_thrust, 0.3, -0.2, 0.1])
+CALM = "world.disturbance={force_density: 0, torque_density: 0}"
 SHORT = ("settle=0", "planner={kind: hover, duration: 1.0}")
 
 
-def imu_messages(scenario: Scenario, ticks: int, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return x (ticks, 12) and the imu's samples (ticks, n, 2 + 9) of a world that flies under one control."""
+def messages_of(sensor: str, scenario: Scenario, ticks: int, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return x (ticks, 12) and a sensor's samples (ticks, n, 2 + p) of a world that flies under one control."""
     world, states, samples = WorldHalf(scenario), [], []
     for _ in range(ticks):
         states.append(world.state)
-        samples.append(samples_in(world.sample()["imu"], scenario.samples("imu")))
+        samples.append(samples_in(world.sample()[sensor], scenario.samples(sensor)))
         world.advance(u)
     return np.array(states), np.array(samples)
+
+
+def states_after(x: np.ndarray, n: int) -> np.ndarray:
+    """Return the states (n, 12) at t + H / n, ..., t + H under TURNING, given x (12) at t, as SciPy integrates them."""
+    inertia, f = np.array(M100.inertia), DYNAMICS["small_angle"].py_func
+    at = H * np.arange(1, n + 1) / n
+    found: np.ndarray = solve_ivp(
+        lambda t, x: f(x, TURNING, np.zeros(6), M100.mass, inertia),
+        (0.0, H),
+        x,
+        "DOP853",
+        t_eval=at,
+        rtol=1e-13,
+        atol=1e-15,
+    ).y.T
+    return found
 
 
 @pytest.mark.family
 @pytest.mark.parametrize("rate", [240, 300])
 def test_samples_are_the_state_between_the_ticks_as_scipy_integrates_it(rate: int) -> None:
     n = rate // 30
-    scenario = load_scenario(
-        "nominal_imu_uwb", ("world.disturbance={force_density: 0, torque_density: 0}", EXACT, f"imu.link.rate={rate}")
-    )
-    u = np.array([1.05 * M100.hover_thrust, 0.3, -0.2, 0.1])
-    states, samples = imu_messages(scenario, 6, u)
-    inertia, f = np.array(M100.inertia), DYNAMICS["small_angle"].py_func
+    scenario = load_scenario("nominal_imu_uwb", (CALM, EXACT, f"imu.link.rate={rate}"))
+    states, samples = messages_of("imu", scenario, 6, TURNING)
     for k in range(2, 6):
-        within = solve_ivp(
-            lambda t, x: f(x, u, np.zeros(6), M100.mass, inertia),
-            (0.0, H),
-            states[k - 1],
-            "DOP853",
-            t_eval=H * np.arange(1, n + 1) / n,
-            rtol=1e-13,
-            atol=1e-15,
-        ).y.T
+        within = states_after(states[k - 1], n)
         np.testing.assert_allclose(samples[k, :, 2:5], within[:, 3:6], rtol=0.0, atol=1e-11)
         np.testing.assert_array_equal(samples[k, -1, 2:5], states[k, 3:6])
         np.testing.assert_allclose(samples[k, :, STAMP], k * H - H + H * np.arange(1, n + 1) / n, rtol=0.0, atol=1e-14)
         assert samples[k, -1, STAMP] == k * scenario.h
-        np.testing.assert_allclose(samples[k, :, 10], u[0] / M100.mass, rtol=1e-15)  # the thrust that acts
+        np.testing.assert_allclose(samples[k, :, 10], TURNING[0] / M100.mass, rtol=1e-15)  # the thrust that acts
+
+
+@pytest.mark.family
+@pytest.mark.parametrize("imu_rate", [30, 120])
+def test_samples_of_a_registered_sensor_are_of_the_states_between_the_ticks_too(imu_rate: int) -> None:
+    """Also where another sensor is sampled at other instants; a clock behind by 4 ms shows the states before."""
+    changes = (CALM, "altimeter={link: {rate: 90}, sd: 1.0e-12, fraction: 0}", f"imu.link.rate={imu_rate}")
+    for offset in (0.0, 0.004):
+        scenario = load_scenario("altimeter", (*changes, f"truth.clock.offset={offset}"))
+        floor = scenario.load_room().interior.min[2]
+        states, samples = messages_of("altimeter", scenario, 6, TURNING)
+        assert np.ptp(states[2:, 2]) > 0.005
+        for k in range(2, 6):
+            x = states_after(states[k - 1], 3)
+            x[:, :6] -= offset * x[:, 6:]
+            range_ = (x[:, 2] - floor) / (np.cos(x[:, 3]) * np.cos(x[:, 4]))
+            # Each of three steps of third order errs by (H / 3)^4 / 24 = 6e-10 s^4 times z'''', below 1 m/s^4.
+            np.testing.assert_allclose(samples[k, :, PAYLOAD], range_, rtol=0.0, atol=2e-9)
+            np.testing.assert_allclose(samples[k, :, STAMP], k * H - H + H * np.arange(1, 4) / 3, rtol=0.0, atol=1e-14)
+
+
+def test_a_stuck_sensor_repeats_its_last_sample_before_the_fault() -> None:
+    stuck = 'faults=[{"kind": "stuck", "sensor": "altimeter", "start": 0.1, "end": 0.16}]'
+    changes = ("altimeter.link.rate=90",)
+    (_, plain), (_, flown) = (
+        messages_of("altimeter", load_scenario("altimeter", (*changes, *more)), 6, TURNING) for more in ((), (stuck,))
+    )
+    there, ranges = flown[..., STAMP], flown[..., PAYLOAD]
+    active = (there > 0.1 - 1e-9) & (there < 0.16)
+    assert active.sum() == 6  # 0.1 s, the newest sample of tick 3, to 0.1556 s
+    np.testing.assert_array_equal(ranges[active], plain[3, 1, PAYLOAD])  # the sample before it, of 0.0889 s
+    np.testing.assert_array_equal(ranges[~active], plain[..., PAYLOAD][~active])
 
 
 def test_each_sample_has_the_noise_of_its_number_and_the_first_tick_has_one() -> None:
-    changes = ("world.disturbance={force_density: 0, torque_density: 0}",)
+    changes = (CALM,)
     u = np.array([M100.hover_thrust, 0.0, 0.0, 0.0])
-    _, samples = imu_messages(load_scenario("nominal_imu_uwb", (*changes, *FAST)), 4, u)
-    _, exact = imu_messages(load_scenario("nominal_imu_uwb", (*changes, EXACT)), 4, u)
+    _, samples = messages_of("imu", load_scenario("nominal_imu_uwb", (*changes, *FAST)), 4, u)
+    _, exact = messages_of("imu", load_scenario("nominal_imu_uwb", (*changes, EXACT)), 4, u)
     assert not samples[0, :-1].any()
     sd, seed = np.repeat([0.01, 0.001, 0.05], 3), load_scenario("nominal_imu_uwb").seed
     for k in range(4):

@@ -28,7 +28,7 @@ HOVER = {"planner": {"kind": "hover", "point": [9.0, 0.5, 1.5], "duration": 0.5}
 SWEEP = {"scenario": "nominal_imu_uwb", "settings": HOVER, "axes": {"uwb.link.loss": [0.0, 0.5]}, "flights": 2}
 AXES = {"servo.weights.position": {"start": 0.5, "stop": 2.0}, "servo.weights.velocity": {"start": 0.5, "stop": 2.0}}
 SEARCH = {"scenario": "nominal_imu_uwb", "settings": HOVER, "axes": AXES, "flights": 2, "judge": 2, "evaluations": 1}
-WHY = "imu.link.rate: is faster than the tick"
+WHY = "camera.kind: rendered: has no compiled form"
 
 
 def vary(settings: Any) -> Scenario:
@@ -92,12 +92,12 @@ def test_each_part_of_an_analysis_says_who_flew(tmp_path: Path) -> None:
 
 
 def test_drake_is_named_with_the_reason_where_the_engine_cannot_fly() -> None:
-    fast = vary(("imu.link.rate=60",))
+    rendered = load_scenario("nominal_imu_uwb_yolo", tuple(HOVER.items()))
     assert flown_by([vary(())], ["engine", "engine"]) == "engine"
-    assert flown_by([vary(()), fast], ["engine", "drake"]) == f"drake ({WHY}), engine"
+    assert flown_by([vary(()), rendered], ["engine", "drake"]) == f"drake ({WHY}), engine"
     assert flown_by([vary(())], []) == ""
-    with pytest.raises(InputError, match=f"^player: engine: nominal_imu_uwb: {WHY}"):
-        od.map(SWEEP | {"axes": {"imu.link.rate": [30.0, 60.0]}}, player="engine")
+    with pytest.raises(InputError, match=f"^player: engine: nominal_imu_uwb_yolo: {WHY}"):
+        od.map(SWEEP | {"scenario": "nominal_imu_uwb_yolo"}, player="engine")
 
 
 @pytest.mark.parametrize("player", ["drake", "drake-elements"])

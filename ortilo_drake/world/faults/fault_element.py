@@ -11,7 +11,7 @@ from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.geometry.line_of_sight import crosses_cylinder
 from ortilo_drake.model.parts import Part, find_part
-from ortilo_drake.model.placing import fill, put
+from ortilo_drake.model.placing import fill, put, sample_of
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.faults import Stuck
@@ -36,7 +36,6 @@ from ortilo_drake.world.faults.table import (
     table_of,
 )
 from ortilo_drake.world.noise import normals, uniforms
-from ortilo_drake.world.sensors.sample_collector import sample_of
 
 
 class Moment(NamedTuple):

@@ -21,11 +21,10 @@ import numpy as np
 
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.equations import rotation_rows
-from ortilo_drake.model.placing import put
+from ortilo_drake.model.placing import put, sample_of
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario.sensors import Ahrs
-from ortilo_drake.world.sensors.sample_collector import sample_of
 
 STREAM = "imu/ahrs drift"
 

@@ -1,6 +1,6 @@
 """The inertial measurement unit (paper, section III-A)."""
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numba.extending import register_jitable
@@ -8,14 +8,13 @@ from numba.extending import register_jitable
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rates_about_axes, rotation_rows
-from ortilo_drake.model.placing import fill, put
-from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, STAMP, size_of_samples
+from ortilo_drake.model.placing import fill, put, sample_of
+from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, STAMP, size_of_samples
 from ortilo_drake.model.triples import Four
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.world.noise import four_normals, put_normals, stream_id
-from ortilo_drake.world.sensors.sample_collector import sample_of
-from ortilo_drake.world.vehicle.continuous import PASSED
+from ortilo_drake.world.sensors.samples import passed_at, rows_of, sample_time, seed_of_sample
 
 
 @register_jitable
@@ -82,48 +81,48 @@ def samples_out(
     state: np.ndarray,
     acceleration: np.ndarray,
     passed: np.ndarray,
+    rows: np.ndarray,
     bias: np.ndarray,
     v: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Output the samples of an imu faster than the tick in a tick in which they are sent, else zeros.
 
-    Samples inside the last tick come first, the oldest first, made of the states `passed` then and of that tick's seed.
+    The oldest comes first. The samples before the last measure what has `passed` inside the last tick, in these rows.
     At t_0 there is only the last sample.
     """
     fill(out, 0.0)
     if sent[0] < 0.0:
         return
-    count = passed.size // PASSED + 1
-    period = n.h / count
+    count = rows.size + 1
     out[ARRIVED], out[STAMP] = 1.0, k * n.h
-    for i in range(1, count):
-        if k == 0:
-            break
-        time, at = n.h * (i / count) + (k - 1) * n.h, (i - 1) * PASSED
-        x, v_dot = passed[at : at + N_X], passed[at + N_X : at + PASSED]
-        put_normals(v, seeds[min(k - 1, seeds.size - 1)], n.stream, tick_of(time, period))
-        put_imu_message(sample_of(out, i - 1, count), v, x, v_dot, bias, n.sd, time)
-    put_normals(v, seeds[min(k, seeds.size - 1)], n.stream, tick_of(k * n.h, period))
-    put_imu_message(sample_of(out, count - 1, count), v, state, acceleration, bias, n.sd, k * n.h)
+    for i in range(1 if k > 0 else count, count + 1):
+        t = sample_time(k, i, count, n.h)
+        x, v_dot = (state, acceleration) if i == count else passed_at(passed, rows[i - 1])
+        put_normals(v, seed_of_sample(seeds, k, i, count), n.stream, tick_of(t, n.h / count))
+        put_imu_message(sample_of(out, i - 1, count), v, x, v_dot, bias, n.sd, t)
 
 
 ANGLES = Element("imu_angles", out=angles_out)
 IMU = Element("imu", out=imu_out)
+NO_ROWS: Final = np.zeros(0)
 SAMPLES = Element("imu_samples", out=samples_out, allocates=True)
 
 
-def imu_box(settings: ImuSettings, h: float, whole: bool, samples: int = 1, stream: str = "imu") -> Box:
+def imu_box(
+    settings: ImuSettings, h: float, whole: bool, samples: int = 1, stream: str = "imu", instants: np.ndarray = NO_ROWS
+) -> Box:
     """Return the imu, with the noise of a stream.
 
     It reads `sent` (1), not negative where its message is sent, and the true state (12). If `whole`, it has rates and
     specific force too, and also reads the acceleration of B's origin in W (3) up to this tick. If it is faster than the
-    tick, it also reads what was `passed` inside the tick before, see vehicle/continuous.py.
+    tick, it also reads what was `passed` at these instants inside the tick before, see vehicle/continuous.py.
     """
     sd = np.array(settings.sds(h / samples))
     given = Values({"sd": sd, "stream": stream_id(stream), "h": h}, tables={"bias": np.zeros(9)})
     if not whole:
         return Box("imu", ANGLES, IMU_SIZE, given)
     if samples > 1:
+        given = given.updated(Values(tables={"rows": rows_of(samples, instants)}))
         return Box("imu", SAMPLES, size_of_samples(IMU_SIZE, samples), given, {"v": (9,)})
     return Box("imu", IMU, IMU_SIZE, given, {"v": (9,)})

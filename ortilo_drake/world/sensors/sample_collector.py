@@ -3,38 +3,27 @@
 from functools import partial
 
 import numpy as np
-from numba.extending import register_jitable
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD, STAMP, samples_in, size_of_samples
 
 
-@register_jitable
-def sample_of(message: np.ndarray, i: int, n: int) -> np.ndarray:
-    """Return sample i of the n in a message, [arrived, stamp, payload]; with one sample, the message itself."""
-    if n == 1:
-        return message
-    size = (message.size - PAYLOAD) // n
-    return message[PAYLOAD + i * size : PAYLOAD + (i + 1) * size]
-
-
 class Kept(LeafSystem):
-    """Keeps a signal's values at the instants that divide a tick evenly, h i / n after it for i = 1 .. n - 1.
+    """Keeps a signal's values (m) at instants (n) inside a tick of h [s], shares of the tick.
 
-    The kept values are a discrete state ((n - 1) m), oldest first. Each instant has an event of period h at its own
-    offset h (i / n): so no event meant for a tick falls between two ticks, as with a period of h / n, which splits
-    coincident events by an ulp. All that is sampled at one instant is sampled in one event. A signal of size m has n
-    samples in a tick of h [s], 2 or more.
+    The kept values are a discrete state (n m), oldest first. Each instant has an event of period h at its own offset:
+    so no event meant for a tick falls between two ticks, as with a period of h / n, which splits coincident events by
+    an ulp. All that is sampled at one instant is sampled in one event.
     """
 
-    def __init__(self, name: str, port: str, size: int, n: int, h: float):
+    def __init__(self, name: str, port: str, size: int, instants: np.ndarray, h: float):
         super().__init__()
         self.set_name(name)
-        self._n, self._size = n, size
+        self._size = size
         self._signal = self.DeclareVectorInputPort(port, size)
-        self._kept = self.DeclareDiscreteState((n - 1) * size)
-        for i in range(1, n):
-            self.DeclarePeriodicDiscreteUpdateEvent(h, h * (i / n), partial(self._keep, i - 1))
+        self._kept = self.DeclareDiscreteState(len(instants) * size)
+        for i, instant in enumerate(instants):
+            self.DeclarePeriodicDiscreteUpdateEvent(h, h * instant, partial(self._keep, i))
 
     def _keep(self, i: int, context: Context, values: DiscreteValues) -> None:
         values.get_mutable_value(self._kept)[i * self._size : (i + 1) * self._size] = self._signal.Eval(context)
@@ -43,8 +32,8 @@ class Kept(LeafSystem):
 class SampleCollector(Kept):
     """Samples a memoryless sensor n times a tick, at t_k - h + h / n, ..., t_k, and sends the n samples at t_k.
 
-    The last sample is the sensor's output at t_k itself, the others are kept. Arguments as for Kept; `name` is the
-    message's, `size` is 2 + p.
+    The last sample is the sensor's output at t_k itself, the others are kept. `name` is the message's, `size` is 2 + p,
+    n is 2 or more, h the tick [s].
 
     Ports:
         sample (2 + p): the sensor's message [arrived, stamp, payload] at any instant. <name> (2 + n (2 + p), output):
@@ -52,7 +41,8 @@ class SampleCollector(Kept):
     """
 
     def __init__(self, name: str, size: int, n: int, h: float):
-        super().__init__(f"{name}_samples", "sample", size, n, h)
+        super().__init__(f"{name}_samples", "sample", size, np.arange(1, n) / n, h)
+        self._n = n
         needs = {self._signal.ticket(), self.xd_ticket()}
         self.DeclareVectorOutputPort(name, size_of_samples(size, n), self._calc, prerequisites_of_calc=needs)
 
@@ -67,8 +57,8 @@ class SampleCollector(Kept):
 
 
 class Passed(Kept):
-    """Outputs what it keeps of `signal` (m) at `passed` ((n - 1) m, output); arguments as for Kept."""
+    """Outputs what it keeps of `signal` (m) at `passed` (n m, output); arguments as for Kept."""
 
-    def __init__(self, size: int, n: int, h: float):
-        super().__init__("passed", "signal", size, n, h)
+    def __init__(self, size: int, instants: np.ndarray, h: float):
+        super().__init__("passed", "signal", size, instants, h)
         self.DeclareStateOutputPort("passed", self._kept)

@@ -15,6 +15,8 @@ from numba.extending import register_jitable
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_X
+from ortilo_drake.world.sensors.samples import passed_at
+from ortilo_drake.world.vehicle.continuous import PASSED
 
 
 @register_jitable
@@ -30,9 +32,24 @@ def delayed_state_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> Non
     put_earlier_state(out, state, n.offset + n.drift * (k * n.h))
 
 
+def delayed_passed_out(n: Any, k: int, passed: np.ndarray, instants: np.ndarray, out: np.ndarray) -> None:
+    """Output what has `passed` inside the last tick, with the states as a sensor with a clock error sees them."""
+    put(passed, out)
+    for i in range(instants.size):
+        time = (k - 1 + instants[i]) * n.h
+        put_earlier_state(out[i * PASSED : i * PASSED + N_X], passed_at(passed, i)[0], n.offset + n.drift * time)
+
+
 CLOCK = Element("sensor_clock", out=delayed_state_out)
+CLOCK_INSIDE = Element("sensor_clock_inside", out=delayed_passed_out)
 
 
 def clock_box(sensor: str, h: float) -> Box:
     """Return the box of the true state at the time of a sensor's clock, which has no error unless it is drawn."""
     return Box(f"{sensor}_clock", CLOCK, N_X, Values({"offset": 0.0, "drift": 0.0, "h": h}))
+
+
+def clock_inside_box(sensor: str, instants: np.ndarray, h: float) -> Box:
+    """Return the box of what has `passed` inside the last tick at these instants, at the time of a sensor's clock."""
+    given = Values({"offset": 0.0, "drift": 0.0, "h": h}, tables={"instants": instants})
+    return Box(f"{sensor}_clock_inside", CLOCK_INSIDE, instants.size * PASSED, given)

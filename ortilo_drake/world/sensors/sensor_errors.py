@@ -6,13 +6,12 @@ import numpy as np
 
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
-from ortilo_drake.model.placing import put
+from ortilo_drake.model.placing import put, sample_of
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.scenario.truth import ImuTruth, SensorTruth, UwbTruth
 from ortilo_drake.world.drawn_truth import Drawn
 from ortilo_drake.world.noise import SlowNoise, gauss_markov, random_walk, slow_step, stream_id
-from ortilo_drake.world.sensors.sample_collector import sample_of
 
 
 class SensorErrors(NamedTuple):

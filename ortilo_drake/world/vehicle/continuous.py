@@ -151,24 +151,24 @@ def continuous_step(
     wrench: np.ndarray,
     mixing: np.ndarray,
     unmixing: np.ndarray,
+    instants: np.ndarray,
     faults: FaultTable,
     rates: np.ndarray,
     u: np.ndarray,
     room: np.ndarray,
 ) -> None:
-    """Advance by a tick under held u and d; keep the states at the instants in between that divide it evenly."""
+    """Advance by a tick under held u and d; keep the states at these instants, shares of the tick, in between."""
     physics = Physics(n.mass, n.inertia, n.kinematics, n.longest_step, n.time_constant, wrench, mixing, faults)
     size = N_X + mixing.shape[1]
     state, passed = body[:size], body[size:]
     commanded = commanded_speeds(control, unmixing, n.max_speed) if size > N_X else control
-    parts = passed.size // PASSED + 1
     start = k * n.h
-    for i in range(1, parts):
-        time = n.h * (i / parts) + k * n.h
+    for i in range(instants.size):
+        time = n.h * instants[i] + k * n.h
         integrate(physics, state, commanded, control, disturbance, start, time, rates, u, room)
         put_control(physics, state, control, time, u, room)
-        put(state[:N_X], passed, (i - 1) * PASSED)
-        put(velocity_rate(state, u, disturbance, n.mass, n.kinematics), passed, (i - 1) * PASSED + N_X)
+        put(state[:N_X], passed, i * PASSED)
+        put(velocity_rate(state, u, disturbance, n.mass, n.kinematics), passed, i * PASSED + N_X)
         start = time
     integrate(physics, state, commanded, control, disturbance, start, (k + 1) * n.h, rates, u, room)
 
@@ -197,12 +197,12 @@ STATE = Element("plant_state", out=plant_out)
 ROTORS_FELT = Element("rotors_felt", out=felt_out, allocates=True)
 
 
-def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, needs_forces: bool) -> list[Box]:
+def continuous_boxes(scenario: Scenario, x_0: np.ndarray, needs_forces: bool) -> list[Box]:
     """Return the continuous plant: it reads the control (4) and the disturbance (6), and outputs x (12), `plant`.
 
     Without rotor dynamics the control is the one that acts on the body. With them it is the command, and `rotors_felt`,
-    present if needs_forces, outputs the control that acts. `vehicle.passed` holds samples - 1 rows of PASSED, the
-    instants inside the last tick, oldest first; `samples` are those of the fastest sensor. x starts at x_0 (12).
+    present if needs_forces, outputs the control that acts. `vehicle.passed` holds a row of PASSED for each of
+    Scenario.instants inside the last tick, oldest first. x starts at x_0 (12).
     """
     vehicle, h = scenario.vehicle, scenario.h
     has_rotors = scenario.world.rotors.kind == "first_order"
@@ -220,11 +220,11 @@ def continuous_boxes(scenario: Scenario, x_0: np.ndarray, samples: int, needs_fo
         "h": h,
     }
     faults = wrench_table(scenario.faults if has_rotors else (), vehicle)
-    tables = {"wrench": np.eye(N_U), "mixing": M}
-    passed = np.zeros((samples - 1) * PASSED)
+    instants, tables = scenario.instants, {"wrench": np.eye(N_U), "mixing": M}
+    passed = np.zeros(instants.size * PASSED)
     body = np.concatenate((x_0, speeds, passed))
     parts = {"x": (0, N_X), "speeds": (N_X, speeds.size), "passed": (N_X + speeds.size, passed.size)}
-    given = Values(numbers, start={"body": body}, tables=tables | {"unmixing": M_inverse})
+    given = Values(numbers, start={"body": body}, tables=tables | {"unmixing": M_inverse, "instants": instants})
     work = {"rates": (4, N_X + speeds.size), "u": (N_U,), "room": (speeds.size + N_U,)}
     boxes = [
         Box("vehicle", CONTINUOUS, body.size, given, work, parts=parts).with_groups(faults=faults),
