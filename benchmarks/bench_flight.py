@@ -31,8 +31,7 @@ from ortilo_drake.interop.log.writer import LogWriter
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_HOLD, FilterModel
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_HOLD, FilterModel, filter_step
 from ortilo_drake.scenario import load_scenario, with_seed
 
 H = 1.0 / 30.0

@@ -21,8 +21,8 @@ from ortilo_drake.diagrams.closed_loop import make_closed_loop
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.flight import make_simulator
 from ortilo_drake.hil.real_time.warm_up import warm_up
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
+from ortilo_drake.onboard.estimator.intermittent_filter import filter_step
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.theory.arrivals.arrival_simulation import draw_independent, simulate
 from ortilo_drake.theory.arrivals.arrivals import Model, check_model

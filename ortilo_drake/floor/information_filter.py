@@ -2,7 +2,8 @@
 
     P_{k+1} = Phi (P_k^-1 + J_k)^-1 Phi^T + W
 
-The inverses are never formed. J_k comes as rows (information_rows.py), and each row is one scalar update
+The inverses are never formed. J_k comes as rows (information_rows.py), and each row is one scalar measurement of the
+Kalman filter (onboard/estimator/kalman.py),
 
     P <- P - P g g^T P / (g^T P g + r),
 
@@ -17,55 +18,8 @@ from numba.extending import register_jitable
 
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.signals import N_X
-from ortilo_drake.onboard.estimator.kalman import Structure, structure_of
+from ortilo_drake.onboard.estimator.kalman import correct, innovation, propagate, structure_of
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
-
-
-@register_jitable
-def _update(P: np.ndarray, n: int, row: np.ndarray, before: int, a: float, b: float, k: np.ndarray) -> None:
-    """Update the leading n x n of P by a row; its slow error is a P_before + b P_before+1, or none if before < 0."""
-    k[:n] = 0.0
-    gradient = row[GRADIENT]
-    for j in range(gradient.size):
-        if gradient[j] != 0.0:
-            for i in range(n):
-                k[i] += gradient[j] * P[j, i]
-    if before >= 0:
-        for i in range(n):
-            k[i] += a * P[before, i] + b * P[before + 1, i]
-    s = row[VARIANCE]
-    for j in range(gradient.size):
-        s += gradient[j] * k[j]
-    if before >= 0:
-        s += a * k[before] + b * k[before + 1]
-    if s <= 0.0:
-        return  # known exactly, and seen exactly
-    scale = 1.0 / np.sqrt(s)
-    for i in range(n):
-        k[i] *= scale
-    for i in range(n):
-        for j in range(n):
-            P[i, j] -= k[i] * k[j]
-
-
-@register_jitable
-def _predict(P: np.ndarray, n: int, structure: Structure, W: np.ndarray, work: np.ndarray) -> None:
-    """Overwrite P by Phi P Phi^T + W, with constant nodes of slow errors; structure describes Phi (m, m)."""
-    columns, values, counts, _, _ = structure
-    m = W.shape[0]
-    work[:m, :n] = 0.0
-    for i in range(m):
-        for c in range(counts[i]):
-            for j in range(n):
-                work[i, j] += values[i, c] * P[columns[i, c], j]
-    for i in range(m):
-        for j in range(m, n):
-            P[i, j] = P[j, i] = work[i, j]
-        for j in range(i + 1):
-            total = W[i, j]
-            for c in range(counts[j]):
-                total += work[i, columns[j, c]] * values[j, c]
-            P[i, j] = P[j, i] = total
 
 
 @register_jitable
@@ -110,9 +64,13 @@ def predicted_bound(
     for row in rows:
         most = max(most, int(row[SLOW]) + 1)
     size = m + 2 * most
-    P, work, k = np.zeros((size, size)), np.empty((m, size)), np.empty(size)
-    P[:m, :m] = P_0
-    bounds, structure = np.empty((ticks, N_X, N_X)), structure_of(Phi)
+    P, Phi_all, W_all = np.zeros((size, size)), np.eye(size), np.zeros((size, size))  # nodes are constant
+    P[:m, :m], Phi_all[:m, :m], W_all[:m, :m] = P_0, Phi, W
+    bounds, structure = np.empty((ticks, N_X, N_X)), structure_of(Phi_all)
+    weights, states = np.zeros((1, m + 2)), np.zeros((1, m + 2), dtype=np.int64)
+    states[0, :m] = np.arange(m)
+    x, y, r = np.zeros(size), np.zeros(1), np.empty(1)  # x and y do not enter P
+    S, work = np.empty((1, 1)), np.empty((m + 1) * (size + 1))
     number, used, count = np.empty(most, dtype=np.int64), np.zeros(most, dtype=np.bool_), 0
     place = np.full(most, -1)  # index of each slow error among those in the state, else -1
     at = 0
@@ -126,7 +84,8 @@ def predicted_bound(
         after = (tick % spacing) / spacing
         scale = 1.0 / np.sqrt((1.0 - after) ** 2 + after**2)
         while at < rows.shape[0] and rows[at, TICK] <= tick:
-            slow, before = int(rows[at, SLOW]), -1
+            slow = int(rows[at, SLOW])
+            weights[0, :m], weights[0, m:], r[0] = rows[at, GRADIENT], 0.0, rows[at, VARIANCE]
             if slow >= 0:
                 c = place[slow]
                 if c < 0:
@@ -135,9 +94,15 @@ def predicted_bound(
                     P[m + 2 * c, m + 2 * c] = P[m + 2 * c + 1, m + 2 * c + 1] = 1.0
                     count += 1
                 used[c] = True
-                before = m + 2 * c
-            amplitude = rows[at, AMPLITUDE] * scale
-            _update(P, m + 2 * count, rows[at], before, amplitude * (1.0 - after), amplitude * after, k)
+                amplitude = rows[at, AMPLITUDE] * scale
+                weights[0, m], weights[0, m + 1] = amplitude * (1.0 - after), amplitude * after
+                states[0, m], states[0, m + 1] = m + 2 * c, m + 2 * c + 1
+            n = m + 2 * count
+            GT = work[: n + 1].reshape((1, n + 1))
+            innovation(x, P, y, r, 1, 0, states, weights, S, GT)
+            if S[0, 0] > 0.0:  # otherwise known exactly, and seen exactly
+                correct(x, P, 1, S, GT)
             at += 1
-        _predict(P, m + 2 * count, structure, W, work)
+        n = m + 2 * count
+        propagate(P, W_all[:n, :n], structure, work[: m * n].reshape((m, n)))
     return bounds

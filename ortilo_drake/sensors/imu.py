@@ -18,8 +18,8 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import IMU_SIZE, N_I, N_U, N_X, N_XBAR, PAYLOAD, STATE_NAMES
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.model.white_noise import white_variances
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model, filter_of, initial_covariance
+from ortilo_drake.onboard.estimator.intermittent_filter import filter_step
 from ortilo_drake.scenario import Belief, Imu, Scenario, Truth
 from ortilo_drake.sensors.envelope import SIGMAS, envelope_of
 from ortilo_drake.sensors.information_rows import GRADIENT, SOURCE, TICK, Information, linear_rows, own_rows, rows_of

@@ -11,8 +11,8 @@ from scipy.linalg import expm
 from ortilo_drake.flight.flight import flight_dataset, fly, logged_rows, scenario_of
 from ortilo_drake.flight.saved_flight import load_flight, save_flight
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
+from ortilo_drake.onboard.estimator.intermittent_filter import filter_step
 from ortilo_drake.onboard.servo.lq_gain import servo_gain
 from ortilo_drake.onboard.servo.lq_servo import servo_control
 from ortilo_drake.scenario import Scenario, load_scenario

@@ -17,13 +17,13 @@ from ortilo_drake.model.measurement import PAPER, Measurement
 from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.vehicle import GRAVITY, M100
 from ortilo_drake.onboard.estimator.extra_states import Extra, augmented_rows, extra_states, gauss_markov
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import with_imu_rows
 from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATORS,
     FilterModel,
     filter_gain,
+    filter_step,
     intermittent_step,
     tilted_lift,
 )

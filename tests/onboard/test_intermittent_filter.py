@@ -13,7 +13,6 @@ from scipy.linalg import block_diag
 from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B, output_C
 from ortilo_drake.model.measurement import PAPER, make_measurement, row
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATOR_ESTIMATE,
     INTEGRATOR_HOLD,
@@ -21,6 +20,7 @@ from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATORS,
     FilterModel,
     filter_gain,
+    filter_step,
     intermittent_step,
 )
 

@@ -17,12 +17,13 @@ from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.estimator.filter_loops import filter_step, to_work_in
 from ortilo_drake.onboard.estimator.intermittent_filter import (
     INTEGRATOR_ESTIMATE,
     INTEGRATOR_HOLD,
     INTEGRATORS,
     FilterModel,
+    filter_step,
+    to_work_in,
 )
 from ortilo_drake.onboard.estimator.late_measurements import (
     Slot,

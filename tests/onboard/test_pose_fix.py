@@ -10,9 +10,8 @@ from ortilo_drake.model.measurement import ATTITUDE_CAMERA
 from ortilo_drake.model.measurement import CAMERA as CAMERA_ROWS
 from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import filter_model
-from ortilo_drake.onboard.estimator.intermittent_filter import intermittent_step
+from ortilo_drake.onboard.estimator.intermittent_filter import filter_step, intermittent_step
 from ortilo_drake.onboard.landmarks.known_attitude import FREE_SD
 from ortilo_drake.onboard.landmarks.landmark_association import associate, center_sd
 from ortilo_drake.onboard.landmarks.landmark_fix import METHODS

@@ -14,8 +14,7 @@ from ortilo_drake.model.as_data import as_data
 from ortilo_drake.model.hover import discretize, hover_A, hover_B
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, FilterModel
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, FilterModel, filter_step
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain, weight_matrices
 from ortilo_drake.scenario import CommandLink, GilbertElliottLoss, NoLoss, Scenario, ServoWeights, load_scenario
 from ortilo_drake.scenario.loss_chain import loss_chain, loss_of, loss_parameters

@@ -8,8 +8,7 @@ from ortilo_drake.model.hover import discretize, disturbance_W, hover_A, hover_B
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import GRAVITY
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
-from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, FilterModel
+from ortilo_drake.onboard.estimator.intermittent_filter import INTEGRATOR_ESTIMATE, FilterModel, filter_step
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.tuning import fit_noise as module
 from ortilo_drake.studies.tuning.fit_noise import fit_noise, near_hover

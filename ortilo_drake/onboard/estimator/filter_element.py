@@ -10,8 +10,7 @@ from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_I, N_U, N_X, N_XBAR
 from ortilo_drake.onboard.estimator.belief import put_vehicle_part
-from ortilo_drake.onboard.estimator.filter_loops import step_in_place
-from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
+from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel, step_in_place
 
 KNOWN = N_XBAR + N_XBAR * N_XBAR  # size of the belief of [x; i]
 
@@ -32,7 +31,7 @@ def filter_step(
     model: FilterModel,
     layout: Layout,
 ) -> None:
-    """Update the belief with the measurements of tick k and predict tick k + 1, see filter_loops.step_in_place."""
+    """Update the belief with the measurements of tick k and predict tick k + 1, see step_in_place."""
     put(control, deviation)
     deviation[0] -= n.hover_thrust
     open_belief(belief, opening)

@@ -12,11 +12,15 @@ two misprints corrected (Phibar and P_k throughout, V12^T Ebar^T in the last fac
     P_{k+1} = Phibar P_k Phibar^T + Ebar V1 Ebar^T - K_k (H P_k Phibar^T + V12^T Ebar^T)        (covariance)
     xhat_{k+1|k} = Phibar xhat_{k|k-1} + Gammabar u_k + Ibar r_k + K_k (y_k - H xhat_{k|k-1})   (prediction)
 
-intermittent_step below is these three lines in plain Python. Flights use filter_loops.py, which computes the same
-faster; a test compares the two.
+intermittent_step is these three lines in plain Python. Flights use step_in_place, which computes the same faster with
+the kernel of kalman.py; a test compares the two.
 
 The code leaves out rows that did not arrive. The result equals the full-size formula because V2 is block diagonal. The
-integral is known without error: P_ii starts at 0, so the last three rows of K equal -E_k and P_ii stays 0.
+integral is known without error: P_ii starts at 0, so the last three rows of K equal -E_k, P_ii stays 0, and
+
+    i_{k+1} = i_k + r_k - E_k y_k.
+
+The rest is a Kalman filter of [x; e], which measures and then predicts; Phibar K is the printed gain.
 
 A filter that estimates more than the paper's, such as the disturbance force, has xbar = [x; e; i]. Its Phi, Gamma, W
 and C are those over [x; e], see extra_states.py; the three lines are the same. Its prediction adds Gamma_a tilted_lift,
@@ -28,14 +32,22 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
+from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.elementary import sin_cos
 from ortilo_drake.model.equations import thrust_direction
 from ortilo_drake.model.measurement import Layout
-from ortilo_drake.model.scalars import solve
 from ortilo_drake.model.signals import N_I, N_X
 from ortilo_drake.model.triples import Triple
 from ortilo_drake.model.vehicle import GRAVITY
-from ortilo_drake.onboard.estimator.kalman import Structure, structure_of
+from ortilo_drake.onboard.estimator.kalman import (
+    Structure,
+    measure,
+    predict,
+    predicted_covariance,
+    predictor_gain,
+    propagate,
+    structure_of,
+)
 
 # The integrator's law. 'literal' (the paper) and 'hold' integrate the measured position inside the filter's model:
 # i_{k+1} = i_k + r_k - E_k y_k; 'hold' skips it where E_k = 0. 'estimate' (the authors' code) integrates the estimate,
@@ -108,19 +120,6 @@ def integrated_sensor(delta: np.ndarray, is_position: np.ndarray, integrator: in
     return -1
 
 
-@register_jitable
-def arrived_rows(delta: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Return the indices of the rows of y that arrived (m)."""
-    rows = np.empty(first[-1], dtype=np.int64)
-    m = 0
-    for s in range(delta.shape[0]):
-        if delta[s] != 0.0:
-            for i in range(first[s], first[s + 1]):
-                rows[m] = i
-                m += 1
-    return rows[:m]
-
-
 def intermittent_step(
     xhat: np.ndarray,
     P: np.ndarray,
@@ -139,24 +138,21 @@ def intermittent_step(
     are the position [m].
     """
     Phi, Gamma, W, integrator, Gamma_a, mass, yaw, _ = model
-    N = Phi.shape[0]
-    n = N + N_I
-    arrived = arrived_rows(delta, layout.first)
+    first, sensors = layout.first, np.flatnonzero(delta != 0.0)
+    arrived = np.repeat(delta != 0.0, np.diff(first))  # by row
     chosen = integrated_sensor(delta, layout.is_position, integrator)
-    m = arrived.size
+    N, m = Phi.shape[0], np.count_nonzero(arrived)
+    n = N + N_I
 
     H = np.zeros((m, n))
-    V2 = np.zeros((m, m), V2_blocks.dtype)
-    E = np.zeros((3, m))
-    a = 0
-    for s in range(delta.size):
-        if delta[s] != 0.0:
-            size = layout.first[s + 1] - layout.first[s]
-            H[a : a + size, :N] = layout.C[layout.first[s] : layout.first[s + 1]]
-            V2[a : a + size, a : a + size] = V2_blocks[layout.block[s] : layout.block[s + 1]].reshape(size, size)
-            if s == chosen:
-                E[:, a : a + 3] = np.eye(3)
-            a += size
+    H[:, :N] = layout.C[arrived]
+    V2_all, E_all = np.zeros((y.size, y.size), V2_blocks.dtype), np.zeros((N_I, y.size))
+    for s in sensors:
+        own = slice(first[s], first[s + 1])
+        V2_all[own, own] = V2_blocks[layout.block[s] : layout.block[s + 1]].reshape(own.stop - own.start, -1)
+    if chosen >= 0:
+        E_all[:, first[chosen] : first[chosen] + N_I] = np.eye(N_I)
+    V2, E = V2_all[np.ix_(arrived, arrived)], E_all[:, arrived]
 
     Phibar = np.eye(n)
     Phibar[:N, :N] = Phi
@@ -178,14 +174,13 @@ def intermittent_step(
     if N > N_X:
         Gammabar_a[:N] = Gamma_a @ np.array(tilted_lift(xhat, u, mass, yaw))
 
-    K = np.ascontiguousarray(solve(H @ P @ H.T + V2, (Phibar @ P @ H.T + Ebar_V12).T).T)
-    P_next = Phibar @ P @ Phibar.T + Ebar_V1_EbarT - K @ (H @ P @ Phibar.T + Ebar_V12.T)
+    K = predictor_gain(Phibar, H, V2, P, Ebar_V12)
+    P_next = predicted_covariance(Phibar, H, Ebar_V1_EbarT, P, K, Ebar_V12)
     xhat_next = Phibar @ xhat + Gammabar @ u + Gammabar_a + Ibar_r + K @ (y[arrived] - H @ xhat)
 
     gain = np.zeros((n, y.size), K.dtype)
-    for a in range(m):
-        gain[:, arrived[a]] = K[:, a]
-    return xhat_next, (P_next + P_next.T) / 2.0, gain
+    gain[:, arrived] = K
+    return xhat_next, P_next, gain
 
 
 def filter_gain(
@@ -196,3 +191,75 @@ def filter_gain(
     model = FilterModel.of(Phi, np.zeros((N, 4)), np.zeros((N, N)), integrator, np.zeros((N, 3)))
     x, y, u, r = np.zeros(N + N_I), np.zeros(layout.first[-1]), np.zeros(4), np.zeros(3)
     return intermittent_step(x, P, y, delta, V2, u, r, model, layout)[2]
+
+
+@register_jitable
+def to_work_in(n: int, p: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the work arrays `rows` and `S` of step_in_place, for n states (with the integral) and p values."""
+    return np.empty((max(n - N_I, p), n - N_I + 1)), np.empty((p, p))
+
+
+@cached_njit(_nrt=False)
+def step_in_place(
+    rows: np.ndarray,
+    S: np.ndarray,
+    belief: np.ndarray,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    u: np.ndarray,
+    r: np.ndarray,
+    model: FilterModel,
+    layout: Layout,
+) -> None:
+    """Replace the belief [xhat_{k|k-1}, P_k row by row] (n + n^2), in which P_ii = 0, by the belief of tick k + 1.
+
+    The step allocates nothing. rows and S are the work arrays of to_work_in; other arguments as in intermittent_step.
+    """
+    Phi, Gamma, W, integrator, Gamma_a, mass, yaw, structure = model
+    _, states, weights, first, block, is_position = layout
+    n = Phi.shape[0] + N_I
+    P = belief[n:].reshape((n, n))
+    N = W.shape[0]
+    lift = tilted_lift(belief, u, mass, yaw) if N > N_X else (0.0, 0.0, 0.0)
+    chosen = integrated_sensor(delta, is_position, integrator)
+    for i in range(N_I):
+        if integrator == INTEGRATOR_ESTIMATE:
+            belief[N + i] += r[i] - belief[i]
+        elif chosen >= 0:
+            belief[N + i] += r[i] - y[first[chosen] + i]
+        elif integrator == INTEGRATOR_LITERAL:
+            belief[N + i] += r[i]
+
+    for s in range(delta.size):
+        if delta[s] != 0.0:
+            measure(belief, P, y, V2[block[s] :], first[s + 1] - first[s], first[s], states, weights, S, rows)
+
+    x = rows[0]
+    predict(belief, u, Gamma, structure, x)
+    for i in range(N):
+        if N > N_X:
+            x[i] += Gamma_a[i, 0] * lift[0] + Gamma_a[i, 1] * lift[1] + Gamma_a[i, 2] * lift[2]
+        belief[i] = x[i]
+    propagate(P, W, structure, rows)
+
+
+@cached_njit
+def filter_step(
+    belief: np.ndarray,
+    y: np.ndarray,
+    delta: np.ndarray,
+    V2: np.ndarray,
+    u: np.ndarray,
+    r: np.ndarray,
+    model: FilterModel,
+    layout: Layout,
+) -> np.ndarray:
+    """Return the belief [xhat_{k+1|k}, P_{k+1} row by row] (n + n^2), given the belief of tick k, in which P_ii = 0.
+
+    Other arguments as in intermittent_step.
+    """
+    after = belief.copy()
+    rows, S = to_work_in(model.Phi.shape[0] + N_I, layout.first[-1])
+    step_in_place(rows, S, after, y, delta, V2, u, r, model, layout)
+    return after

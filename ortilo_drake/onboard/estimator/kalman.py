@@ -1,16 +1,24 @@
-"""The two steps of the Kalman filter, in place, as loops over nonzero entries: the kernel of all linear filters.
+"""The Kalman filter's mathematics: the printed equations, and the two steps that fly, as loops over nonzero entries.
 
-V is block diagonal with one block a sensor. So the filter processes one sensor after another, with a root L of the
-innovation covariance, and skips each sensor whose message did not arrive.
+The one-step predictor, for measurements y = H x + v whose noise v may be correlated with w (S_wv; paper, section IV-C):
+
+    K = (Phi P H^T + S_wv) (H P H^T + V)^-1                                                                 (gain)
+    P <- Phi P Phi^T + W - K (H P Phi^T + S_wv^T)                                                     (covariance)
+
+predictor_gain and predicted_covariance are these two lines in NumPy. The same in two steps, for S_wv = 0:
 
     L L^T = C P C^T + V,   G = P C^T L^-T,   x^ <- x^ + G L^-1 (y - C x^),   P <- P - G G^T        (measure)
     x^ <- Phi x^ + Gamma u,   P <- Phi P Phi^T + W                                                 (predict, propagate)
 
-G G^T equals the printed K S K^T, K = G L^-1, and is symmetric to the last bit. intermittent_filter.py has the printed
-form. tight/update.py updates a nonlinear state row by row, with an outlier gate and Huber's weight.
+V is block diagonal with one block a sensor. So `measure` processes one sensor after another and skips each sensor whose
+message did not arrive. G G^T equals K S K^T, K = G L^-1, and is symmetric to the last bit. The zeros of Phi are known,
+so the loops of Phi P Phi^T + W skip them. Most rows of Phi only keep or shrink one state; the other rows read few.
 
-The zeros of Phi are known, so the loops of Phi P Phi^T + W skip them. Most rows of Phi only keep or shrink one state;
-the other rows read few states.
+Used by: intermittent_filter.py (the paper's filter), linear_filter.py (any linear model), measurement_handler.py (the
+gates), floor/information_filter.py and studies/room_design/path_bound.py (Cramer-Rao bounds), studies/loop and
+studies/command_link (steady and periodic gains), studies/tuning (likelihood), studies/recorded/at_rest.py. Other forms:
+tight/update.py updates a nonlinear state row by row, with an outlier gate and Huber's weight, and subtracts all rows at
+once; theory/arrivals/expected_riccati_kernel.py and studies/tube/tube_kernel.py average over patterns of arrivals.
 """
 
 from typing import NamedTuple
@@ -19,6 +27,22 @@ import numpy as np
 from numba.extending import register_jitable
 
 from ortilo_drake.model.cholesky import forward_in_place, squared_norm_in_place
+from ortilo_drake.model.scalars import solve
+
+
+def predictor_gain(
+    Phi: np.ndarray, H: np.ndarray, V: np.ndarray, P: np.ndarray, S_wv: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """Return K (n, m) of the one-step predictor; Phi and P are (n, n), H is (m, n), V is (m, m), S_wv is (n, m)."""
+    return solve(H @ P @ H.T + V, (Phi @ P @ H.T + S_wv).T).T
+
+
+def predicted_covariance(
+    Phi: np.ndarray, H: np.ndarray, W: np.ndarray, P: np.ndarray, K: np.ndarray, S_wv: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """Return the next P (n, n), symmetric, with the gain K of predictor_gain and the process noise covariance W."""
+    P_next = Phi @ P @ Phi.T + W - K @ (H @ P @ Phi.T + np.transpose(S_wv))
+    return (P_next + P_next.T) / 2.0
 
 
 class Structure(NamedTuple):
@@ -126,8 +150,14 @@ def measure(
 
     Arguments as in `innovation`. Afterwards GT holds [G^T, L^-1 (y - C x^)], and the lower triangle of S holds L.
     """
-    N = GT.shape[1] - 1
     innovation(x, P, y, V, m, first, states, weights, S, GT)
+    correct(x, P, m, S, GT)
+
+
+@register_jitable(_nrt=False)
+def correct(x: np.ndarray, P: np.ndarray, m: int, S: np.ndarray, GT: np.ndarray) -> None:
+    """Do the rest of `measure`, after `innovation`."""
+    N = GT.shape[1] - 1
     forward_in_place(S, GT, m)
     for a in range(m):
         for j in range(N):

@@ -29,8 +29,7 @@ from ortilo_drake.model.measurement import Layout, Measurement
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import N_I, N_U, N_XBAR
 from ortilo_drake.onboard.commands.timeline import mean_control
-from ortilo_drake.onboard.estimator.filter_loops import step_in_place, to_work_in
-from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
+from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel, step_in_place, to_work_in
 
 
 class Slot(NamedTuple):
@@ -100,7 +99,7 @@ def run_again(
 ) -> None:
     """Write the belief of tick k + 1 to `after` by repeating the steps from tick `first`; updates the history between.
 
-    rows and S are work memory, see filter_loops.to_work_in.
+    rows and S are work memory, see to_work_in.
     """
     N = history.shape[0]
     for j in range(first, k + 1):
@@ -179,7 +178,7 @@ def replay_in_place(
     Three kinds of measurement are not used: older than the history or than a gap in it, stamped later than t_k, or a
     second one of the same sensor and tick.
 
-    rows and S are work memory, see filter_loops.to_work_in. The history holds the last N ticks (N, slot.size); the
+    rows and S are work memory, see to_work_in. The history holds the last N ticks (N, slot.size); the
     belief is [xhat_{k|k-1}, P_k row by row] (n + n^2). y (p), arrivals delta (s), covariances V2 (q) and stamps (s) [s]
     are the measurements that arrived in tick k. u is the control less hover (4); only the first three entries of the
     reference r are read.

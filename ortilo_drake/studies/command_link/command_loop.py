@@ -24,6 +24,7 @@ import numpy as np
 from ortilo_drake.model.signals import N_I, N_X, STATE_NAMES
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.extra_states import D
+from ortilo_drake.onboard.estimator.kalman import predicted_covariance, predictor_gain
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.studies.command_link.late_servo import late_gains
 from ortilo_drake.studies.loop.hover_loop import (
@@ -80,9 +81,8 @@ def over_arrivals(
     Ks, Ps = np.zeros((len(there), *C.T.shape)), np.zeros((len(there), *Phi.shape))
     for k, seen in enumerate(map(np.flatnonzero, there)):
         Ps[k], H = P, C[seen]
-        Ks[k][:, seen] = np.linalg.solve(H @ P @ H.T + V[np.ix_(seen, seen)], H @ P @ Phi.T).T
-        P = Phi @ P @ Phi.T + W - Ks[k][:, seen] @ H @ P @ Phi.T
-        P = (P + P.T) / 2.0
+        Ks[k][:, seen] = K = predictor_gain(Phi, H, V[np.ix_(seen, seen)], P)
+        P = predicted_covariance(Phi, H, W, P, K)
     return Ks, Ps, P
 
 

@@ -1,7 +1,7 @@
 """The fixed-interval smoother of the paper's filter, with all further states of the filter.
 
-The forward pass is the filter itself, by the step that flew (onboard/estimator/filter_loops.py), on [x; e] without the
-integral, which is a known quantity. Each of its predictions gives
+The forward pass is the filter itself, by the step that flew (intermittent_filter.py), on [x; e] without the integral,
+which is a known quantity. Each of its predictions gives
 
     S_k = H P_k H^T + V2,  L_k = Phi (I - P_k H^T S_k^-1 H),  e_k = y_k - H xhat_{k|k-1}
 
@@ -26,10 +26,9 @@ from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_I, N_X, PAYLOAD, samples_in
 from ortilo_drake.onboard.estimator.at_rest import rest_of
 from ortilo_drake.onboard.estimator.extra_states import augmented_rows, extra_states
-from ortilo_drake.onboard.estimator.filter_loops import filter_step
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, initial_covariance
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances, with_imu_rows
-from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel
+from ortilo_drake.onboard.estimator.intermittent_filter import FilterModel, filter_step
 from ortilo_drake.scenario import IntermittentFilter, Scenario
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight
 

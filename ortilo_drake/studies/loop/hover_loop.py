@@ -22,6 +22,7 @@ from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.onboard.estimator.extra_states import IMU_ROWS, B, D, F, augmented_rows, extra_states, names_of
 from ortilo_drake.onboard.estimator.filter_model import augmented_model, filter_of, why_no_filter
 from ortilo_drake.onboard.estimator.imu_rows import imu_variances
+from ortilo_drake.onboard.estimator.kalman import predictor_gain
 from ortilo_drake.onboard.servo.lq_gain import gain_of, why_no_servo_gain
 from ortilo_drake.scenario import LqServo, Scenario
 from ortilo_drake.scenario.belief import measurement_of
@@ -204,8 +205,7 @@ def steady_predictor(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarra
     positive definite; theory/riccati/riccati.py checks both.
     """
     P = solve_discrete_are(Phi.T, C.T, W, V)
-    K = np.linalg.solve(C @ P @ C.T + V, C @ P @ Phi.T).T
-    return K, P
+    return predictor_gain(Phi, C, V, P), P
 
 
 def loop_gain(loop: HoverLoop) -> np.ndarray:

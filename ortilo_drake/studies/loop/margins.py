@@ -13,6 +13,7 @@ import numpy as np
 
 from ortilo_drake.model.signals import CONTROL_NAMES, N_X
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.onboard.estimator.kalman import predictor_gain
 from ortilo_drake.scenario import LqServo, Scenario, ServoWeights
 from ortilo_drake.studies.loop.hover_loop import (
     VELOCITIES,
@@ -79,13 +80,11 @@ def steady_gain(Phi: np.ndarray, C: np.ndarray, W: np.ndarray, V: np.ndarray, un
     s, l = slice(seen), slice(seen, None)  # noqa: E741 - the letter of the equations
     names = tuple(f"combination {k + 1}" for k in range(seen))
     P_s = solve(Phi[s, s].T, C[:, s].T, W[s, s], V, names=names, dual=True)
-    S = C[:, s] @ P_s @ C[:, s].T + V
-    K_s = np.linalg.solve(S, C[:, s] @ P_s @ Phi[s, s].T).T
-    F = Phi[s, s] - K_s @ C[:, s]
+    F = Phi[s, s] - predictor_gain(Phi[s, s], C[:, s], V, P_s) @ C[:, s]
     driven = Phi[l, s] @ P_s @ F.T + W[l, s]
     P_ls = np.linalg.solve(np.eye(driven.size) - np.kron(Phi[l, l], F), driven.ravel()).reshape(driven.shape)
-    K_l = np.linalg.solve(S, C[:, s] @ (Phi[l, s] @ P_s + Phi[l, l] @ P_ls).T).T
-    return np.asarray(T @ np.vstack([K_s, K_l]))
+    P = np.block([[P_s, P_ls.T], [P_ls, np.zeros((lost, lost))]])  # C does not read P_ll
+    return np.asarray(T @ predictor_gain(Phi, C, V, P))
 
 
 def input_loop(

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.compiled.cached import cached_njit
+from ortilo_drake.onboard.estimator.kalman import measure, propagate, structure_of
 from ortilo_drake.sensors.information_rows import AMPLITUDE, GRADIENT, SLOW, TICK, VARIANCE
 
 STEPS = 200  # approximate number of steps in a path
@@ -66,29 +67,23 @@ def step_information(rows: np.ndarray, steps: int, m: int) -> np.ndarray:
 
 
 @cached_njit
-def _updated(P: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """Return P after a row of unit variance, P - P g g^T P / (g^T P g + 1)."""
-    k = P @ g
-    return P - np.outer(k, k / (1.0 + g @ k))
-
-
-@cached_njit
 def position_variance(model: PathModel, J: np.ndarray, there: np.ndarray, least: int) -> np.ndarray:
     """Return the trace of the position's bound at the start of every step [m^2] (steps).
 
     J (steps, 3, 3) is the ranges' information on p_WB, which may be singular. It counts in steps with at least `least`
     anchors heard; there (steps) is the number heard.
     """
-    P, g, Phi_T = np.zeros((12, 12)), np.zeros(12), np.ascontiguousarray(model.Phi.T)
-    out = np.empty(J.shape[0])
+    P, g, out = np.zeros((12, 12)), np.zeros((1, 12)), np.empty(J.shape[0])
+    x, y, V, states = np.zeros(12), np.zeros(1), np.ones(1), np.arange(12).reshape((1, 12))  # x does not enter P
+    S, GT, structure = np.empty((1, 1)), np.empty((12, 13)), structure_of(model.Phi)
     for step in range(J.shape[0]):
         out[step] = P[0, 0] + P[1, 1] + P[2, 2]
         for row in range(model.first[step], model.first[step + 1]):
-            P = _updated(P, model.rows[row])
+            measure(x, P, y, V, 1, 0, states, model.rows[row : row + 1], S, GT)
         if there[step] >= least:
             values, vectors = np.linalg.eigh(J[step])
             for i in range(3):
-                g[:3] = vectors[:, i] * np.sqrt(max(values[i], 0.0))
-                P = _updated(P, g)
-        P = model.Phi @ P @ Phi_T + model.W
+                g[0, :3] = vectors[:, i] * np.sqrt(max(values[i], 0.0))
+                measure(x, P, y, V, 1, 0, states, g, S, GT)
+        propagate(P, model.W, structure, GT)
     return out
