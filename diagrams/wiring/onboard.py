@@ -21,7 +21,7 @@ from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import ACTED_SIZE, N_U, N_XBAR, REFERENCE_SIZE, VELOCITY_SIZE
 from ortilo_drake.onboard.commands.timeline import command_log_box, state_ahead_box
 from ortilo_drake.onboard.estimator.filter_element import extra_box, parts_box
-from ortilo_drake.onboard.initial import initial_estimate
+from ortilo_drake.onboard.estimator.resume import initial_estimate
 from ortilo_drake.onboard.planner.planned import Planned, start_of
 from ortilo_drake.onboard.planner.players import PathPlayer, reference_box
 from ortilo_drake.onboard.servo.lq_gain import gain_of

@@ -13,8 +13,7 @@ import pytest
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.theory.riccati.riccati import RAW, SOLVERS
-from ortilo_drake.theory.riccati.riccati_check import assess, residual
-from ortilo_drake.theory.riccati.riccati_condition import condition
+from ortilo_drake.theory.riccati.riccati_check import assess, condition, residual
 
 SQRT5 = np.sqrt(5.0)
 

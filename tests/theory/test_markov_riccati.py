@@ -11,14 +11,17 @@ from ortilo_drake.scenario.loss_chain import loss_of, loss_parameters
 from ortilo_drake.studies.arrivals.arrival_map import link_chain
 from ortilo_drake.theory.arrivals.arrival_simulation import draw_markov, simulate
 from ortilo_drake.theory.arrivals.arrivals import Model, check_model, pattern_probabilities
-from ortilo_drake.theory.arrivals.expected_riccati import TRANSLATION, solve_coupled, upper_bound, vehicle_model
-from ortilo_drake.theory.arrivals.expected_riccati_kernel import coupled_fixed_point
-from ortilo_drake.theory.arrivals.markov_riccati import (
+from ortilo_drake.theory.arrivals.expected_riccati import (
+    TRANSLATION,
     ArrivalChain,
     arrival_chain,
     average_over_modes,
     markov_translation_lower_bound,
+    solve_coupled,
+    upper_bound,
+    vehicle_model,
 )
+from ortilo_drake.theory.arrivals.expected_riccati_kernel import coupled_fixed_point
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.radio.link import chain_after, delay_of_message
 

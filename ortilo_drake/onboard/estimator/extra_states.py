@@ -28,7 +28,7 @@ from ortilo_drake.model.hover import discretize, hover_A, hover_B_d
 from ortilo_drake.model.measurement import CAMERA, IMU, UWB, Measurement, Row, Rows, row
 from ortilo_drake.model.signals import N_U, N_X, STATE_NAMES
 from ortilo_drake.model.vehicle import Vehicle
-from ortilo_drake.scenario import Biases, Walks
+from ortilo_drake.scenario import Biases
 from ortilo_drake.scenario import IntermittentFilter as FilterSettings
 
 D, F, B, N, C = (tuple(f"{letter}_{axis}" for axis in "xyz") for letter in "dfbnc")
@@ -94,31 +94,6 @@ def _names_of_rows(sensor: str) -> tuple[str, ...]:
     return tuple(its.name for its in IMU_ROWS[sensor][1])
 
 
-def _force(walks: Walks, vehicle: Vehicle, h: float, yaw: float) -> Extra:
-    _, Gamma_d = discretize(hover_A(yaw), hover_B_d(vehicle), h)
-    return _slow(D, Walk(walks.force_sd, walks.force_rate * np.sqrt(h)), (), Gamma_d[:, :3])
-
-
-def _torque(walks: Walks, vehicle: Vehicle, h: float, yaw: float) -> list[Extra]:
-    if walks.torque_sd == 0.0:
-        return []
-    _, Gamma_d = discretize(hover_A(yaw), hover_B_d(vehicle), h)
-    return [_slow(N, Walk(walks.torque_sd, walks.torque_rate * np.sqrt(h)), (), Gamma_d[:, 3:])]
-
-
-def _accelerometer(walks: Walks, vehicle: Vehicle, h: float) -> list[Extra]:
-    e_z = np.zeros((3, N_U))
-    e_z[2, 0] = 1.0
-    rows = _names_of_rows("accelerometer")
-    f = Extra(F, Walk(0.0, 0.0), D, np.zeros((N_X, 3)), e_z, np.eye(3, 6), _each(rows, F, 1.0 / vehicle.mass))
-    return [f, _slow(B, Walk(walks.accelerometer_sd, walks.accelerometer_rate * np.sqrt(h)), _each(rows, B))]
-
-
-def _gyroscope(walks: Walks, h: float) -> Extra:
-    walk = Walk(walks.gyroscope_sd, walks.gyroscope_rate * np.sqrt(h))
-    return _slow(C, walk, _each(_names_of_rows("gyroscope"), C))
-
-
 def _biases(biases: Biases, h: float, flown: tuple[str, ...]) -> list[Extra]:
     sds = (*biases.uwb_sd, *biases.camera_sd, biases.level_sd, biases.level_sd, biases.yaw_sd)
     times = [biases.uwb_time] * 3 + [biases.camera_time] * 3 + [biases.imu_time] * 3
@@ -141,16 +116,24 @@ def extra_states(
     """
     if settings.force == "none":
         return ()
-    measured = _accelerometer(settings.walks, vehicle, h) if settings.force == "measured" else []
-    torque = _torque(settings.walks, vehicle, h, yaw)
-    gyroscope = [_gyroscope(settings.walks, h)] if settings.rates == "measured" else []
-    return (
-        _force(settings.walks, vehicle, h, yaw),
-        *measured,
-        *torque,
-        *gyroscope,
-        *_biases(settings.biases, h, flown),
-    )
+    walks, (_, Gamma_d) = settings.walks, discretize(hover_A(yaw), hover_B_d(vehicle), h)
+
+    def walk(sd: float, rate: float) -> Walk:
+        return Walk(sd, rate * np.sqrt(h))
+
+    found = [_slow(D, walk(walks.force_sd, walks.force_rate), (), Gamma_d[:, :3])]
+    if settings.force == "measured":
+        e_z, rows = np.zeros((3, N_U)), _names_of_rows("accelerometer")
+        e_z[2, 0] = 1.0
+        found += [
+            Extra(F, Walk(0.0, 0.0), D, np.zeros((N_X, 3)), e_z, np.eye(3, 6), _each(rows, F, 1.0 / vehicle.mass)),
+            _slow(B, walk(walks.accelerometer_sd, walks.accelerometer_rate), _each(rows, B)),
+        ]
+    if walks.torque_sd != 0.0:
+        found.append(_slow(N, walk(walks.torque_sd, walks.torque_rate), (), Gamma_d[:, 3:]))
+    if settings.rates == "measured":
+        found.append(_slow(C, walk(walks.gyroscope_sd, walks.gyroscope_rate), _each(_names_of_rows("gyroscope"), C)))
+    return (*found, *_biases(settings.biases, h, flown))
 
 
 def names_of(extras: tuple[Extra, ...]) -> tuple[str, ...]:

@@ -27,7 +27,6 @@ from ortilo_drake.model.triples import Four, Triple, triple
 from ortilo_drake.model.vehicle import GRAVITY, Vehicle
 from ortilo_drake.onboard.servo.lq_gain import augmented_pair, lq_gain, weight_matrices
 from ortilo_drake.scenario import LqServo, ServoWeights
-from ortilo_drake.scenario import LqServo as ServoSettings
 
 Reference = tuple[float, float, float, float, float, float, float, float, float]  # x_ref without its rates, which are 0
 
@@ -119,7 +118,7 @@ SERVO = Element("servo", out=servo_out)
 TRUE_VELOCITY = Element("with_true_velocity", out=true_velocity_out)
 
 
-def servo_box(L: np.ndarray, mass: float, settings: ServoSettings) -> Box:
+def servo_box(L: np.ndarray, mass: float, settings: LqServo) -> Box:
     """Return the servo's box; it reads the belief (15 or more), the estimated disturbance force (3), the reference."""
     numbers = {"mass": mass, "yaw": settings.yaw, "error_form": settings.form == "error"}
     return Box("servo", SERVO, N_U, Values(numbers, tables={"L": L}))

@@ -17,12 +17,15 @@ from ortilo_drake.scenario.loss_chain import loss_chain, loss_of
 from ortilo_drake.studies.loop.hover_loop import HoverLoop
 from ortilo_drake.theory.arrivals.arrivals import Model, check_model, check_rate, never_seen, pattern_probabilities
 from ortilo_drake.theory.arrivals.critical_rate import CriticalRate, critical_rate
-from ortilo_drake.theory.arrivals.expected_riccati import ROTATION, TRANSLATION, solve_coupled, vehicle_model
-from ortilo_drake.theory.arrivals.markov_riccati import (
+from ortilo_drake.theory.arrivals.expected_riccati import (
+    ROTATION,
+    TRANSLATION,
     ArrivalChain,
     arrival_chain,
     average_over_modes,
     markov_translation_lower_bound,
+    solve_coupled,
+    vehicle_model,
 )
 from ortilo_drake.theory.riccati.riccati import solve
 

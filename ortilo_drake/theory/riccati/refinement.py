@@ -15,7 +15,6 @@ precision, or Newton's method does not converge and X is refused.
 import numpy as np
 
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.theory.riccati.riccati_condition import stein, stein_powers
 from ortilo_drake.theory.riccati.riccati_problem import ON_THE_CIRCLE, Balanced, is_positive_definite, symmetrise
 
 RIGHT = 1e-11  # an X whose Newton step has a smaller share is returned as the solver found it
@@ -39,6 +38,22 @@ def exact_residuals(problem: Balanced, X: np.ndarray, L: np.ndarray) -> tuple[np
     D = (BX @ A + N.T * unit**2) * unit - (BX @ B + R * unit**2) @ L
     left = A_c.T @ X @ A_c + (((Q - X) * unit - NL - NL.T) * unit + L.T @ R @ L) * unit**2
     return np.array(left / unit**5, dtype=float), np.array(D / unit**4, dtype=float)
+
+
+def stein_powers(A_c: np.ndarray) -> list[np.ndarray]:
+    """Return A_c, A_c^2, A_c^4, ... until they vanish; they solve Stein equations by squared Smith steps."""
+    powers = [A_c]
+    while np.linalg.norm(powers[-1]) > 1e-18 and len(powers) < 50:
+        powers.append(powers[-1] @ powers[-1])
+    return powers
+
+
+def stein(powers: list[np.ndarray], Y: np.ndarray, adjoint: bool = False) -> np.ndarray:
+    """Return Z with Z - A_c^T Z A_c = Y, or with adjoint Z - A_c Z A_c^T = Y."""
+    Z = Y
+    for P in powers:
+        Z = Z + (P @ Z @ P.T if adjoint else P.T @ Z @ P)
+    return Z
 
 
 def share(dX: np.ndarray, X: np.ndarray) -> float:

@@ -8,7 +8,7 @@ from ortilo_drake.diagrams.wiring.tight import tight_boxes
 from ortilo_drake.loop.element import constant
 from ortilo_drake.model.signals import DETECTIONS_SIZE, IMU_SIZE, PAYLOAD, uwb_size
 from ortilo_drake.model.vehicle import GRAVITY
-from ortilo_drake.onboard.initial import initial_estimate
+from ortilo_drake.onboard.estimator.resume import initial_estimate
 from ortilo_drake.scenario import Scenario, load_scenario
 
 R_0 = np.array([5.0, 1.0, 1.5])

@@ -3,7 +3,6 @@
 from collections.abc import Container
 
 import numpy as np
-from scipy.stats import chi2
 
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X
@@ -27,6 +26,7 @@ from ortilo_drake.onboard.estimator.tight.layout import (
 )
 from ortilo_drake.onboard.estimator.tight.tick import FORCE, N_AHEAD, N_KEPT, THRUST, Motion
 from ortilo_drake.onboard.estimator.tight.watch import Watch
+from ortilo_drake.onboard.gate import squared_gate
 from ortilo_drake.onboard.landmarks.box_fix import box_belief
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.tight import DATASHEETS
@@ -107,7 +107,7 @@ def aids_of(settings: Settings, room: Room, scenario: Belief) -> Aids:
         box_belief(fix, known, scenario.image_width),
         np.array([pixels.sd, pixels.growth, pixels.slow_share]),
         white_sd(settings.imu.angle_density or 0.0, scenario.imu_period),
-        np.array([float(chi2.ppf(*of)) for of in gates]),
+        np.array([squared_gate(*of) for of in gates]),
         settings.huber,
         watch_of(settings, scenario.h),
     )
