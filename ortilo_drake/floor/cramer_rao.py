@@ -78,18 +78,10 @@ def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
     """
     if sensor not in scenario.sensors:
         return np.zeros(len(truth), dtype=bool)
-    link = scenario.link_of(sensor)
-    return np.asarray(
-        messages_sent(
-            np.ascontiguousarray(truth),
-            scenario.every(sensor),
-            loss_parameters(link.loss, scenario.h),
-            blackout_rows(link, scenario.h),
-            (link.delay, link.random_delay),
-            scenario.seed,
-            stream_id(f"link/{sensor}"),
-        )
-    )
+    link, stream = scenario.link_of(sensor), stream_id(f"link/{sensor}")
+    told = loss_parameters(link.loss, scenario.h), blackout_rows(link, scenario.h), (link.delay, link.random_delay)
+    states = np.ascontiguousarray(truth)
+    return np.asarray(messages_sent(states, scenario.every(sensor), *told, scenario.seed, stream))
 
 
 VELOCITY = slice(6, 9)  # in x
@@ -164,13 +156,7 @@ def state_bound(scenario: Scenario, truth: np.ndarray) -> np.ndarray | None:
     def seen(kind: str, rows: np.ndarray) -> np.ndarray:
         return np.hstack([rows, errors.sees[kind](rows) if kind in errors.sees else np.zeros((len(rows), e))])
 
-    return np.asarray(
-        predicted_bound(
-            by_tick(*(seen(kind, its) for kind, its in rows.items())),
-            len(truth),
-            np.block([[Phi, errors.G], [errors.by_x.T, np.diag(errors.keeps)]]),
-            block_diag(W, np.diag(errors.step_sd**2)),
-            block_diag(start_covariance(scenario), np.diag(errors.sd**2)),
-            spacing,
-        )
-    )
+    Phi = np.block([[Phi, errors.G], [errors.by_x.T, np.diag(errors.keeps)]])
+    W, P_0 = block_diag(W, np.diag(errors.step_sd**2)), block_diag(start_covariance(scenario), np.diag(errors.sd**2))
+    whole = by_tick(*(seen(kind, its) for kind, its in rows.items()))
+    return np.asarray(predicted_bound(whole, len(truth), Phi, W, P_0, spacing))

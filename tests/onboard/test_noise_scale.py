@@ -2,53 +2,15 @@
 
 import numpy as np
 import pytest
+from drawn_ranges import BANK, FRACTION, SD, WORTH, N, flown, residuals_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plain_box import PlainBox
 from scipy.integrate import quad
-from scipy.linalg import block_diag, null_space
 from scipy.stats import invgamma, multivariate_normal, multivariate_t
 
-from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.onboard.ranging.bank_element import LIMIT, SCALE, bank_box, counted, weigh_scales
-from ortilo_drake.onboard.ranging.fix_element import fix_box
-from ortilo_drake.onboard.ranging.survey_bank import gather
+from ortilo_drake.onboard.ranging.bank_element import LIMIT, SCALE, counted, weigh_scales
 from ortilo_drake.scenario import Multilateration, load_scenario
-
-ANCHORS = load_room(ORTILO_ROOM).anchor_positions
-N = len(ANCHORS)
-FRACTION, SD, WORTH = 0.0075, 0.05, 10.0
-NOISE = np.array([0.0, FRACTION, SD])
-BANK = np.array([0.0, 0.4, 1.0])
-SETTINGS = Multilateration(bias_sd=SD, bias_bank=tuple(BANK), noise_scale=WORTH)
-
-
-def residuals_of(fixes: int, white: float, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return what fixes gather, q and nu, and the residuals densely: values, their covariance by what is told, and A.
-
-    Args:
-        fixes: how many.
-        white: sd of the ranges' errors [m].
-        seed: of them.
-    """
-    generator, gathered, sums = np.random.default_rng(seed), np.zeros((N, N + 1)), np.zeros(2)
-    values, V, A = [], [], []
-    for k in range(fixes):
-        p, there = np.array([5.0 + k, 0.3 * k, 1.5]), np.ones(N)
-        there[7:] = float(k > 0)
-        away = p - ANCHORS
-        d = np.linalg.norm(away, axis=1)
-        ranges = d + generator.normal(0.0, white, N)
-        message = np.concatenate(([1.0, 0.0], ranges, there))
-        nu, q = gather(gathered, p, message, ANCHORS, NOISE, np.zeros((N, 3)))
-        some = there > 0.0
-        B = null_space((away / d[:, None])[some].T).T  # what residuals say whatever the position
-        values.append(B @ (ranges - d)[some])
-        V.append(B @ np.diag((FRACTION * ranges[some]) ** 2) @ B.T)
-        A.append(B @ np.eye(N)[some])
-        sums += q, nu
-    return gathered, np.concatenate((sums, [1.0])), np.concatenate(values), block_diag(*V), np.vstack(A)
 
 
 def judged(gathered: np.ndarray, scale: np.ndarray, bank: np.ndarray) -> tuple[np.ndarray, float]:
@@ -85,7 +47,7 @@ def test_models_are_weighed_as_students_t_of_all_residuals(white: float) -> None
     shapes = [V + (share * SD) ** 2 / 1.7 * A @ A.T for share in BANK]
     logs = np.array([multivariate_t(shape=shape, df=WORTH).logpdf(values) for shape in shapes])
     squares = [values @ np.linalg.solve(shape, values) for shape in shapes]
-    weights, found = judged(gathered, scale, BANK)
+    weights, found = judged(gathered, scale, np.array(BANK))
     likely = np.exp(logs - logs.max())
     np.testing.assert_allclose(weights, likely / likely.sum(), rtol=1e-6, atol=1e-12)
     assert found == pytest.approx(weights @ (WORTH + np.array(squares)) / (WORTH + len(values)), rel=1e-8)
@@ -97,8 +59,8 @@ def test_the_order_of_the_anchors_does_not_matter(seed: int, white: float, s_2: 
     gathered, scale, *_ = residuals_of(1, white, seed)
     other = np.random.default_rng(seed).permutation(N)
     whole = np.tril(gathered[:, :N]) + np.tril(gathered[:, :N], -1).T
-    moved = np.column_stack((whole[np.ix_(other, other)], gathered[other, N]))
-    for one, its in zip(judged(gathered, scale, BANK * s_2 / SD), judged(moved, scale, BANK * s_2 / SD), strict=True):
+    moved, bank = np.column_stack((whole[np.ix_(other, other)], gathered[other, N])), np.array(BANK) * s_2 / SD
+    for one, its in zip(judged(gathered, scale, bank), judged(moved, scale, bank), strict=True):
         np.testing.assert_allclose(one, its, rtol=1e-6, atol=1e-9)
 
 
@@ -116,35 +78,6 @@ def test_no_fix_counts_beyond_the_limit(squares: float, expected: float) -> None
     part = counted(squares, expected)
     assert part**2 * squares <= LIMIT * expected * (1.0 + 1e-9)
     assert part == 1.0 or squares > LIMIT * expected
-
-
-def flown(
-    c: float, sd: float, seed: int, seconds: float = 6.0, its: Multilateration = SETTINGS, far: float = 0.0
-) -> tuple[float, np.ndarray]:
-    """Return c and what is learned on a straight line at 0.5 m/s, with fixes at 10 Hz.
-
-    Args:
-        c: how much larger the noise is than told.
-        sd: of the survey [m].
-        seed: of both.
-        seconds: how long.
-        its: which learn.
-        far: how much longer one range is for half a second [m].
-    """
-    generator = np.random.default_rng(seed)
-    true = ANCHORS + generator.normal(0.0, 1.0, ANCHORS.shape) * sd
-    solver, bank = PlainBox(fix_box(its, ANCHORS)), PlainBox(bank_box(its, ANCHORS, 0.1))
-    for k in range(int(10 * seconds)):
-        p = np.array([0.05 * k, 0.02 * k, 1.5])
-        d = np.linalg.norm(p - true, axis=1)
-        ranges = d * (1.0 + c * FRACTION * generator.normal(size=N))
-        ranges[0] += far * (25 <= k < 30)
-        uwb = np.concatenate(([1.0, 0.0], ranges, np.ones(N)))
-        said = bank.state["learned"]
-        learned = {"learned": said[:-3]} if its.bias_bank else {}
-        fix = solver.say(message=uwb, belief=np.concatenate((p, np.zeros(237))), noise=said[-3:], **learned)
-        bank.step(message=uwb, fix=fix)
-    return float(np.sqrt(bank.state["scale"][SCALE])), bank.state["learned"].copy()
 
 
 @pytest.mark.parametrize("c", [0.5, 1.4, 4.0])

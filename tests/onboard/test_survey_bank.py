@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from plain_box import PlainBox
-from scipy.linalg import null_space
+from drawn_ranges import ANCHORS, BANK, FRACTION, NOISE, SD, N, flown, residuals_of
 from scipy.stats import multivariate_normal
 
 from ortilo_drake.diagrams.wiring.intermittent import filtering_of
 from ortilo_drake.model.measurement import UWB
-from ortilo_drake.model.room import ORTILO_ROOM, load_room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.lasting_element import (
     LearnedCoefficients,
@@ -18,16 +16,10 @@ from ortilo_drake.onboard.estimator.lasting_element import (
     vary,
 )
 from ortilo_drake.onboard.ranging.bank_element import N_NOISE, bank_box
-from ortilo_drake.onboard.ranging.fix_element import fix_box
 from ortilo_drake.onboard.ranging.lasting_error import KEPT, KEY, keep, put_lasting
 from ortilo_drake.onboard.ranging.survey_bank import gather, learned_first, log_likelihood, weigh
 from ortilo_drake.scenario import Multilateration, load_scenario
 
-ANCHORS = load_room(ORTILO_ROOM).anchor_positions
-N = len(ANCHORS)
-FRACTION, SD = 0.0075, 0.05
-NOISE = np.array([0.0, FRACTION, SD])
-BANK = (0.0, 0.4, 1.0)
 SETTINGS = Multilateration(bias_sd=SD, bias_bank=BANK)
 
 
@@ -37,39 +29,17 @@ def units(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return away / d[:, None], d
 
 
-def message(ranges: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
-    return np.concatenate(([1.0, 0.0], ranges, np.ones(N) if there is None else there))
-
-
-def gathered_of(fixes: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+def gathered_of(p: np.ndarray, ranges: np.ndarray) -> np.ndarray:
     gathered = np.zeros((N, N + 1))
-    for p, ranges, there in fixes:
-        gather(gathered, p, message(ranges, there), ANCHORS, NOISE, np.zeros((N, 3)))
+    gather(gathered, p, np.concatenate(([1.0, 0.0], ranges, np.ones(N))), ANCHORS, NOISE, np.zeros((N, 3)))
     return gathered
 
 
 @pytest.mark.parametrize("s", [0.0, 0.02, 0.05, 0.2])
 def test_the_likelihood_is_that_of_a_dense_gaussian_of_all_residuals(s: float) -> None:
-    generator = np.random.default_rng(1)
-    fixes, blocks, seen, values = [], [], [], []
-    for k in range(4):
-        p = np.array([5.0 + k, 0.3 * k, 1.5])
-        J, d = units(p)
-        ranges = d + generator.normal(0.0, 0.04, N)
-        there = np.ones(N) if k else np.array([1.0] * 7 + [0.0] * 5)
-        fixes.append((p, ranges, there))
-        some = there > 0.0
-        B = null_space(J[some].T).T  # what residuals say whatever the position
-        blocks.append(B @ np.diag((FRACTION * ranges[some]) ** 2) @ B.T)
-        seen.append(B @ np.eye(N)[some])
-        values.append(B @ (ranges - d)[some])
-    seen_all, y = np.vstack(seen), np.concatenate(values)
-    V, at = np.zeros((len(y), len(y))), 0
-    for block in blocks:
-        V[at : at + len(block), at : at + len(block)] = block
-        at += len(block)
-    dense = [multivariate_normal(cov=V + sd**2 * seen_all @ seen_all.T).logpdf(y) for sd in (s, 0.0)]
-    found = log_likelihood(gathered_of(fixes), s, np.zeros((N, N)), np.zeros(N))
+    gathered, _, y, V, seen = residuals_of(4, 0.04)
+    dense = [multivariate_normal(cov=V + sd**2 * seen @ seen.T).logpdf(y) for sd in (s, 0.0)]
+    found = log_likelihood(gathered, s, np.zeros((N, N)), np.zeros(N))
     assert found == pytest.approx(dense[0] - dense[1], abs=1e-6, rel=1e-8)
 
 
@@ -77,33 +47,17 @@ def test_an_error_of_the_position_itself_says_nothing() -> None:
     p = np.array([8.0, 1.0, 1.5])
     J, d = units(p)
     moved = J @ np.array([0.3, -0.2, 0.1])  # ranges longer as if p were elsewhere, to first order
-    with_, without = (gathered_of([(p, ranges, np.ones(N))]) for ranges in (d + moved, d))
+    with_, without = (gathered_of(p, ranges) for ranges in (d + moved, d))
     M = np.diag((FRACTION * (d + moved)) ** -2.0)
     assert np.abs(with_[:, N]).max() < 1e-9 * np.abs(M @ moved).max()
     np.testing.assert_allclose(without[:, N], 0.0, atol=1e-9)
-
-
-def flown(sd: float, seed: int, seconds: float) -> np.ndarray:
-    """Return what is learned on a straight line at 0.5 m/s, of a survey of that sd [m] and fixes at 10 Hz."""
-    generator = np.random.default_rng(seed)
-    true = ANCHORS + generator.normal(0.0, 1.0, ANCHORS.shape) * sd
-    solver, bank = PlainBox(fix_box(SETTINGS, ANCHORS)), PlainBox(bank_box(SETTINGS, ANCHORS, 0.1))
-    for k in range(int(10 * seconds)):
-        p = np.array([0.05 * k, 0.02 * k, 1.5])
-        d = np.linalg.norm(p - true, axis=1)
-        uwb = message(d * (1.0 + FRACTION * generator.normal(size=N)))
-        belief = np.concatenate((p, np.zeros(237)))
-        said = bank.state["learned"]
-        fix = solver.say(message=uwb, belief=belief, learned=said[:-N_NOISE], noise=said[-N_NOISE:])
-        bank.step(message=uwb, fix=fix)
-    return bank.state["learned"][:-N_NOISE].copy()
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("sd", "right", "wrong"), [(0.0, 0, 2), (0.05, 2, 0)])
 def test_within_six_seconds_it_tells_five_centimetres_from_none(sd: float, right: int, wrong: int) -> None:
     for seed in range(20):
-        weights = flown(sd, seed, 6.0)[-len(BANK) :]
+        weights = flown(1.0, sd, seed, its=SETTINGS)[1][:-N_NOISE][-len(BANK) :]
         assert weights.sum() == pytest.approx(1.0)
         assert weights[wrong] < 0.02 < weights[right], (seed, weights)
 

@@ -106,18 +106,8 @@ def run_again(
         row = history[j % N]
         belief = history[(j + 1) % N, slot.belief : slot.y] if j < k else after
         put(row[slot.belief : slot.y], belief)
-        step_in_place(
-            rows,
-            S,
-            belief,
-            row[slot.y : slot.delta],
-            row[slot.delta : slot.V2],
-            row[slot.V2 : slot.u],
-            row[slot.u : slot.r],
-            row[slot.r : slot.size],
-            model,
-            layout,
-        )
+        taken = row[slot.y : slot.delta], row[slot.delta : slot.V2], row[slot.V2 : slot.u]
+        step_in_place(rows, S, belief, *taken, row[slot.u : slot.r], row[slot.r : slot.size], model, layout)
 
 
 @cached_njit
