@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.model.pinhole import R_BC
+from ortilo_drake.model.equations import rotation_matrix
+from ortilo_drake.model.pinhole import R_BC, box_center
 from ortilo_drake.model.room import load_room
+from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD, STAMP
 from ortilo_drake.onboard.landmarks.landmark_fix import METHODS
 
 # Each compiled for itself alone.
@@ -43,6 +45,7 @@ SIZES = np.array(
 OUTLINES = 0.5 * SIZES[:, None] * list(product((-1.0, 1.0), repeat=3))
 ATTITUDE_SD = 0.004
 EXACT = (0.0, 0.0, 1.5, 0.013, -0.021, 0.034)
+SHOWN = np.array([0, 2, 4, 6, 8, 9])  # of the room: in the image, whole, from EXACT
 
 
 def state(pose=EXACT) -> np.ndarray:
@@ -67,6 +70,27 @@ def boxes(pose, points=POINTS, outlines=OUTLINES) -> np.ndarray:
 def centers(pose, points=POINTS, outlines=OUTLINES) -> np.ndarray:
     box = boxes(pose, points, outlines)
     return 0.5 * (box[:, :2] + box[:, 2:])
+
+
+def shown_centers(moved=0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (6, 2) of the boxes of SHOWN, moved by (6, 3) [m], from EXACT, and their Jacobian by it (6, 2, 6)."""
+    centers, J, x = np.zeros((len(SHOWN), 2)), np.zeros((len(SHOWN), 2, 6)), np.array(EXACT)
+    places, outlines = ROOM.landmark_positions[SHOWN] + moved, ROOM.landmark_outlines[SHOWN]
+    for i in range(len(SHOWN)):
+        assert box_center(places[i], outlines[i], x[:3], x[3:], rotation_matrix(x[3:]), CAMERA, centers[i], J[i])
+    return centers, J
+
+
+def shown_message(pose, moved=0.0, errors=((0.0, 0.0),), stamp: float = 0.0) -> np.ndarray:
+    """The detections message of SHOWN, moved by (6, 3) [m], with errors of the boxes (6, 2) [px]."""
+    said = np.zeros(DETECTIONS_SIZE)
+    said[ARRIVED], said[STAMP] = 1.0, stamp
+    said[PAYLOAD::DETECTION_SIZE] = -1.0
+    rows = said[PAYLOAD:].reshape(-1, DETECTION_SIZE)[: len(SHOWN)]
+    rows[:, 0], rows[:, 1] = ROOM.landmark_labels[SHOWN], 0.9
+    rows[:, 2:] = boxes(pose, ROOM.landmark_positions[SHOWN] + moved, ROOM.landmark_outlines[SHOWN])
+    rows[:, 2:] += np.tile(errors, 2)
+    return said
 
 
 def jacobian(pose, n: int = len(POINTS), step: float = 1e-6) -> np.ndarray:

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 from plain_box import PlainBox
 from scipy.stats import multivariate_t
-from seen_landmarks import EXACT, ROOM, boxes, covariance, state
+from seen_landmarks import EXACT, ROOM, SHOWN, covariance, shown_centers, shown_message, state
 
-from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import box_and_jacobian, sines
-from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.landmarks.box_fix import BoxBelief, box_belief
 from ortilo_drake.onboard.landmarks.fix_element import camera_fix_box
@@ -24,21 +21,10 @@ from ortilo_drake.onboard.ranging.survey_bank import learned_first
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import load_scenario
 
-SHOWN = np.array([0, 2, 4, 6, 8, 9])  # of the room: in the image, whole, from EXACT
 N, M, SD, PIXELS, WORTH = len(ROOM.landmark_positions), len(SHOWN), 0.05, 0.6, 10.0
 BANK = (0.0, 0.4, 1.0)
 SETTINGS = Settings(method="pose", center_sd=PIXELS, survey_sd=SD, survey_bank=BANK, noise_scale=WORTH)
 BELIEVED: BoxBelief = box_belief(SETTINGS, ROOM, 320)
-
-
-def seen() -> tuple[np.ndarray, np.ndarray]:
-    """Return the boxes' centres (m, 2) and their Jacobian by the pose (2 m, 6)."""
-    centers, J, x, box = np.zeros((M, 2)), np.zeros((M, 2, 6)), np.array(EXACT), np.zeros(4)
-    for i, its in enumerate(SHOWN):
-        places = ROOM.landmark_positions[its], ROOM.landmark_outlines[its], x[:3], sines(x[3:])
-        assert box_and_jacobian(*places, rotation_matrix(x[3:]), BELIEVED.camera, box, J[i])
-        centers[i] = 0.5 * (box[:2] + box[2:])
-    return centers, J.reshape(2 * M, 6)
 
 
 def left_out(J: np.ndarray, errors: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray]:
@@ -52,12 +38,14 @@ def left_out(J: np.ndarray, errors: np.ndarray, i: int) -> tuple[np.ndarray, np.
 
 def told_of(errors: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
     told, here = np.zeros(PER_LANDMARK * N), np.zeros(9 * N)
-    left = put_information(told, here, Solved(seen()[0] + errors.reshape(M, 2), SHOWN, np.array(EXACT)), BELIEVED)
+    left = put_information(
+        told, here, Solved(shown_centers()[0] + errors.reshape(M, 2), SHOWN, np.array(EXACT)), BELIEVED
+    )
     return told, left
 
 
 def test_residuals_are_what_boxes_are_off_from_where_the_others_have_them() -> None:
-    errors, J = np.random.default_rng(1).normal(0.0, 2.0, 2 * M), seen()[1]
+    errors, J = np.random.default_rng(1).normal(0.0, 2.0, 2 * M), shown_centers()[1].reshape(2 * M, 6)
     off = [left_out(J, errors, i) for i in range(M)]
     residuals, squares = told_of(errors)[1]
     assert residuals == 2 * M
@@ -67,7 +55,7 @@ def test_residuals_are_what_boxes_are_off_from_where_the_others_have_them() -> N
 @pytest.mark.parametrize("white", [0.5, 3.0])
 def test_models_are_weighed_as_students_t_of_each_box(white: float) -> None:
     """Of one landmark, in pictures that count in whole; the others' part is a product of its kind."""
-    errors, J = np.random.default_rng(2).normal(0.0, white, 2 * M), seen()[1]
+    errors, J = np.random.default_rng(2).normal(0.0, white, 2 * M), shown_centers()[1].reshape(2 * M, 6)
     told, _ = told_of(errors)
     t, V = left_out(J, errors, 0)
     only = np.zeros_like(told)
@@ -85,17 +73,6 @@ def test_models_are_weighed_as_students_t_of_each_box(white: float) -> None:
     np.testing.assert_allclose(scale[[RESIDUALS, SQUARES]], left[[0, 1]])
 
 
-def message(moved: np.ndarray, pose: tuple[float, ...], errors: np.ndarray) -> np.ndarray:
-    said = np.zeros(DETECTIONS_SIZE)
-    said[ARRIVED] = 1.0
-    said[PAYLOAD::DETECTION_SIZE] = -1.0
-    rows = said[PAYLOAD:].reshape(-1, DETECTION_SIZE)
-    rows[:M, 0], rows[:M, 1] = ROOM.landmark_labels[SHOWN], 0.9
-    rows[:M, 2:] = boxes(pose, ROOM.landmark_positions[SHOWN] + moved, ROOM.landmark_outlines[SHOWN])
-    rows[:M, 2:] += np.hstack((errors, errors))
-    return said
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(("c", "sd"), [(0.5, 0.0), (2.0, 0.0), (1.0, 0.05)])
 def test_within_four_seconds_it_tells_the_scale_whatever_lasts(c: float, sd: float) -> None:
@@ -105,7 +82,7 @@ def test_within_four_seconds_it_tells_the_scale_whatever_lasts(c: float, sd: flo
         for k in range(40):
             pose = (EXACT[0], EXACT[1] + 0.002 * k, *EXACT[2:])
             belief = np.concatenate((state(), covariance(0.1)))
-            said = message(moved, pose, generator.normal(0.0, c * PIXELS, (M, 2)))
+            said = shown_message(pose, moved, generator.normal(0.0, c * PIXELS, (M, 2)))
             its.say(message=said, belief=belief)
             its.step(message=said, belief=belief)
         assert np.sqrt(its.state["scale"][SCALE]) == pytest.approx(c, rel=0.25)

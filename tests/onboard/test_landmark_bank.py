@@ -5,11 +5,9 @@ import pytest
 from plain_box import PlainBox
 from scipy.linalg import null_space
 from scipy.stats import multivariate_normal
-from seen_landmarks import EXACT, ROOM, boxes, covariance, state
+from seen_landmarks import EXACT, ROOM, SHOWN, covariance, shown_centers, shown_message, state
 
 from ortilo_drake.diagrams.wiring.intermittent import filtering_of, learned_coefficients
-from ortilo_drake.model.equations import rotation_matrix
-from ortilo_drake.model.pinhole import box_center
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.lasting_element import told_layout, vary
@@ -30,7 +28,6 @@ from ortilo_drake.onboard.ranging.survey_bank import learned_first
 from ortilo_drake.scenario import LandmarkFix as Settings
 from ortilo_drake.scenario import load_scenario
 
-SHOWN = np.array([0, 2, 4, 6, 8, 9])  # of the room: in the image, whole, from EXACT
 N, M, SD, PIXELS = len(ROOM.landmark_positions), len(SHOWN), 0.05, 0.6
 BANK = (0.0, 0.4, 1.0)
 SETTINGS = Settings(method="pose", center_sd=PIXELS, survey_sd=SD, survey_bank=BANK)
@@ -38,26 +35,16 @@ BELIEVED: BoxBelief = box_belief(SETTINGS, ROOM, 320)
 FIX_SIZE = PAYLOAD + 42
 
 
-def seen(pose: tuple[float, ...], moved: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the boxes' centres (m, 2) and their Jacobian by the pose (m, 2, 6), of landmarks that are moved (m, 3)."""
-    centers, J, x = np.zeros((M, 2)), np.zeros((M, 2, 6)), np.array(pose)
-    moved = np.zeros((M, 3)) if moved is None else moved
-    for i, its in enumerate(SHOWN):
-        place, outline = ROOM.landmark_positions[its] + moved[i], ROOM.landmark_outlines[its]
-        assert box_center(place, outline, x[:3], x[3:], rotation_matrix(x[3:]), BELIEVED.camera, centers[i], J[i])
-    return centers, J
-
-
 def information_of(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what boxes that err (m, 2) [px] tell of each landmark (n, 3, 4), and the sensitivities (3, n, 3)."""
     told, here = np.zeros(PER_LANDMARK * N), np.zeros(9 * N)
-    put_information(told, here, Solved(seen(EXACT)[0] + errors, SHOWN, np.array(EXACT)), BELIEVED)
+    put_information(told, here, Solved(shown_centers()[0] + errors, SHOWN, np.array(EXACT)), BELIEVED)
     return told.reshape(N, 3, 4), here.reshape(3, N, 3)
 
 
 def test_the_likelihood_is_the_product_of_each_landmarks_dense_gaussian() -> None:
     errors = np.random.default_rng(1).normal(0.0, 2.0, (M, 2))
-    J = seen(EXACT)[1].reshape(2 * M, 6)
+    J = shown_centers()[1].reshape(2 * M, 6)
     rest = null_space(J.T)  # what residuals say whatever the pose
     learned, gathered = learned_first(np.array(BANK), 9 * N), np.zeros((3 * N, 4))
     told, room = information_of(errors)[0].ravel(), (np.zeros(3), np.zeros((3, 3)), np.zeros(3))
@@ -78,7 +65,7 @@ def test_the_likelihood_is_the_product_of_each_landmarks_dense_gaussian() -> Non
 
 
 def test_an_error_of_the_pose_itself_says_nothing() -> None:
-    J = seen(EXACT)[1]
+    J = shown_centers()[1]
     told = information_of(J @ np.array([0.05, -0.04, 0.03, 0.01, -0.02, 0.01]))[0]
     size = np.abs(information_of(np.full((M, 2), 1.0) * [[(-1.0) ** i] for i in range(M)])[0][..., 3]).max()
     assert np.abs(told[..., 3]).max() < 1e-6 * size
@@ -88,10 +75,10 @@ def test_an_error_of_the_pose_itself_says_nothing() -> None:
 
 def test_the_sensitivities_are_what_moved_landmarks_make_of_a_fit() -> None:
     drawn = np.random.default_rng(2).normal(0.0, 0.01, (M, 3))
-    z, J = seen(EXACT)
+    z, J = shown_centers()
     sds = np.sqrt(PIXELS**2 + SD**2 * np.sum(J[..., :3] ** 2, axis=2)).ravel()
     rows = np.vstack((J.reshape(-1, 6) / sds[:, None], np.eye(6)[3:] / FREE_SD))
-    z_moved = seen(EXACT, drawn)[0]
+    z_moved = shown_centers(drawn)[0]
     values = np.concatenate((((z_moved - z).ravel() / sds), np.zeros(3)))
     fitted = np.linalg.lstsq(rows, values, rcond=None)[0][:3]
     here = information_of(np.zeros((M, 2)))[1]
@@ -120,17 +107,6 @@ def test_what_lasts_is_what_drawn_surveys_make_of_it() -> None:
     np.testing.assert_array_equal(learned[KEY : KEY + 9 * N], one.ravel())
 
 
-def message(pose: tuple[float, ...], moved: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    said = np.zeros(DETECTIONS_SIZE)
-    said[ARRIVED] = 1.0
-    said[PAYLOAD::DETECTION_SIZE] = -1.0
-    rows = said[PAYLOAD:].reshape(-1, DETECTION_SIZE)
-    rows[:M, 0], rows[:M, 1] = ROOM.landmark_labels[SHOWN], 0.9
-    rows[:M, 2:] = boxes(pose, ROOM.landmark_positions[SHOWN] + moved, ROOM.landmark_outlines[SHOWN])
-    rows[:M, 2:] += np.hstack((errors, errors))
-    return said
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(("sd", "right", "wrong"), [(0.0, 0, 2), (0.05, 2, 0)])
 def test_within_three_seconds_it_tells_five_centimetres_from_none(sd: float, right: int, wrong: int) -> None:
@@ -140,7 +116,7 @@ def test_within_three_seconds_it_tells_five_centimetres_from_none(sd: float, rig
         for k in range(30):
             pose = (EXACT[0], EXACT[1] + 0.002 * k, *EXACT[2:])
             belief = np.concatenate((state(), covariance(0.1)))
-            said = message(pose, moved, generator.normal(0.0, PIXELS, (M, 2)))
+            said = shown_message(pose, moved, generator.normal(0.0, PIXELS, (M, 2)))
             its.say(message=said, belief=belief)
             its.step(message=said, belief=belief)
         weights = its.state["learned"][-3:]
@@ -150,7 +126,7 @@ def test_within_three_seconds_it_tells_five_centimetres_from_none(sd: float, rig
 
 def test_an_image_without_a_fix_keeps_all_that_lasts() -> None:
     its, belief = PlainBox(camera_fix_box(SETTINGS, ROOM, 320)), np.concatenate((state(), covariance(0.1)))
-    said = message(EXACT, np.zeros((M, 3)), np.zeros((M, 2)))
+    said = shown_message(EXACT)
     fix = its.say(message=said, belief=belief)
     assert fix[ARRIVED] == 1.0
     its.step(message=said, belief=belief)
@@ -164,7 +140,7 @@ def test_a_box_that_the_fix_refuses_tells_nothing() -> None:
     """Its message is that of a picture without the box."""
     errors, belief = np.zeros((M, 2)), np.concatenate((state(), covariance(0.1)))
     errors[1, 0] = 8.0
-    said = message(EXACT, np.zeros((M, 3)), errors)
+    said = shown_message(EXACT, errors=errors)
     fewer = said.copy()
     rows = fewer[PAYLOAD:].reshape(-1, DETECTION_SIZE)
     rows[1:-1] = rows[2:]

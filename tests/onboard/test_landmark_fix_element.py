@@ -3,30 +3,19 @@
 import numpy as np
 import pytest
 from plain_box import PlainBox
-from seen_landmarks import EACH, EXACT, PNP, ROOM, boxes, covariance, state
+from seen_landmarks import EACH, EXACT, PNP, ROOM, covariance, shown_message, state
 
-from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, DETECTIONS_SIZE, PAYLOAD, STAMP
+from ortilo_drake.model.signals import ARRIVED, DETECTIONS_SIZE, PAYLOAD, STAMP
 from ortilo_drake.onboard.landmarks.box_fix import DOUBLINGS
 from ortilo_drake.onboard.landmarks.fix_element import camera_fix_box
 from ortilo_drake.scenario import LandmarkFix as Settings
 
-SHOWN = [0, 2, 4, 6, 8, 9]  # of the room: in the image, whole, from EXACT
 VALUES = {"known_tilt": [0, 1, 2, 5], "pose": [0, 1, 2, 3, 4, 5]}
 NOTHING = np.zeros(DETECTIONS_SIZE)
 
 
 def fix(method: str, **settings: object) -> PlainBox:
     return PlainBox(camera_fix_box(Settings(method=method, **settings), ROOM, 320))
-
-
-def seen_from(pose: tuple[float, ...], stamp: float = 0.4) -> np.ndarray:
-    message = np.zeros(DETECTIONS_SIZE)
-    message[ARRIVED], message[STAMP] = 1.0, stamp
-    message[PAYLOAD::DETECTION_SIZE] = -1.0
-    rows = message[PAYLOAD:].reshape(-1, DETECTION_SIZE)
-    rows[: len(SHOWN), 0], rows[: len(SHOWN), 1] = ROOM.landmark_labels[SHOWN], 0.9
-    rows[: len(SHOWN), 2:] = boxes(pose, ROOM.landmark_positions[SHOWN], ROOM.landmark_outlines[SHOWN])
-    return message
 
 
 def belief(away: tuple[float, float, float] = (0.0, 0.0, 0.0), position_sd: float = 0.1) -> np.ndarray:
@@ -38,7 +27,7 @@ def belief(away: tuple[float, float, float] = (0.0, 0.0, 0.0), position_sd: floa
 @pytest.mark.parametrize("method", [method for method in EACH if method is not PNP])
 def test_the_fix_of_boxes_is_where_they_were_seen_from(method: str) -> None:
     its, where = fix(method), VALUES.get(method, [0, 1, 2])
-    found = its.say(message=seen_from(EXACT), belief=belief((0.1, -0.05, 0.05)))
+    found = its.say(message=shown_message(EXACT, stamp=0.4), belief=belief((0.1, -0.05, 0.05)))
     assert (found[ARRIVED], found[STAMP]) == (1.0, 0.4)
     np.testing.assert_allclose(found[PAYLOAD : PAYLOAD + len(where)], np.array(EXACT)[where], atol=1e-5)
     assert not its.say(message=NOTHING, belief=belief()).any()
@@ -47,8 +36,8 @@ def test_the_fix_of_boxes_is_where_they_were_seen_from(method: str) -> None:
 def test_a_prior_stands_in_for_the_covariance() -> None:
     sure = np.concatenate((state(), np.zeros(225)))
     prior = (0.1, 0.004)
-    found = fix("known_attitude", prior_sd=prior).say(message=seen_from(EXACT), belief=sure)
-    plain = fix("known_attitude").say(message=seen_from(EXACT), belief=belief())
+    found = fix("known_attitude", prior_sd=prior).say(message=shown_message(EXACT), belief=sure)
+    plain = fix("known_attitude").say(message=shown_message(EXACT), belief=belief())
     np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-12)  # covariance() is that of the prior
 
 
@@ -57,15 +46,15 @@ def test_refused_images_are_counted_until_the_estimate_is_found_again() -> None:
     its, away, there = fix("pose", center_sd=1.0, joint=0.999), belief((0.0, 0.4, 0.0), position_sd=0.05), []
     expected = 0.0
     for _ in range(DOUBLINGS + 2):
-        found = its.say(message=seen_from(EXACT), belief=away)
+        found = its.say(message=shown_message(EXACT), belief=away)
         there.append(found[ARRIVED] == 1.0)
-        its.step(message=seen_from(EXACT), belief=away)
+        its.step(message=shown_message(EXACT), belief=away)
         expected += -1.0 if there[-1] else 1.0
         assert its.state["refused"][0] == expected
     assert not there[0]
     assert any(there)
     its.state["refused"][0] = DOUBLINGS
-    found = its.say(message=seen_from(EXACT), belief=away)
+    found = its.say(message=shown_message(EXACT), belief=away)
     np.testing.assert_allclose(found[PAYLOAD : PAYLOAD + 3], EXACT[:3], atol=1e-3)
     its.step(message=NOTHING, belief=away)
     assert its.state["refused"][0] == DOUBLINGS
@@ -73,6 +62,6 @@ def test_refused_images_are_counted_until_the_estimate_is_found_again() -> None:
 
 def test_without_the_joint_test_no_image_is_counted() -> None:
     its, away = fix("pose", center_sd=1.0), belief((0.0, 0.4, 0.0), position_sd=0.05)
-    assert not its.say(message=seen_from(EXACT), belief=away).any()
-    its.step(message=seen_from(EXACT), belief=away)
+    assert not its.say(message=shown_message(EXACT), belief=away).any()
+    its.step(message=shown_message(EXACT), belief=away)
     assert its.state["refused"][0] == 0.0
