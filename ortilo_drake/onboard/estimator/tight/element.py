@@ -14,10 +14,9 @@ from ortilo_drake.loop.element import Box, Element, Values, parts_of
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, N_X, N_XBAR, PAYLOAD, STAMP
-from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.attitude_rows import take_angles, take_fix
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Layout
-from ortilo_drake.onboard.estimator.tight.model import first_states
+from ortilo_drake.onboard.estimator.tight.model import Aids, first_states
 from ortilo_drake.onboard.estimator.tight.pixels import pose_belief, take_boxes
 from ortilo_drake.onboard.estimator.tight.ranges import take_differences, take_ranges
 from ortilo_drake.onboard.estimator.tight.tick import (

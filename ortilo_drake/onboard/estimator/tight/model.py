@@ -1,6 +1,7 @@
 """The tight filter's model, made from the scenario: states, noise and initial covariance."""
 
 from collections.abc import Container
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +10,6 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.model.white_noise import white_sd
 from ortilo_drake.onboard.estimator.at_rest import Rest, zero_accelerometer, zero_gyroscope
-from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.inertial import quaternion_of
 from ortilo_drake.onboard.estimator.tight.layout import (
     ACCEL,
@@ -27,7 +27,7 @@ from ortilo_drake.onboard.estimator.tight.layout import (
 from ortilo_drake.onboard.estimator.tight.tick import FORCE, N_AHEAD, N_KEPT, THRUST, Motion
 from ortilo_drake.onboard.estimator.tight.watch import Watch
 from ortilo_drake.onboard.gate import squared_gate
-from ortilo_drake.onboard.landmarks.box_fix import box_belief
+from ortilo_drake.onboard.landmarks.box_fix import BoxBelief, box_belief
 from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.tight import DATASHEETS
 from ortilo_drake.scenario.tight import TightFilter as Settings
@@ -81,6 +81,33 @@ def motion_of(settings: Settings, layout: Layout, scenario: Belief) -> Motion:
     variances, silent = np.array([rate_sd**2, force_sd**2]), np.square(imu.silent_rate)
     watches = settings.watch is not None
     return Motion(variances, coasting, keeps, steps, scenario.vehicle.mass, inertia, h, silent, watches, scenario.yaw)
+
+
+class Aids(NamedTuple):
+    """The filter's model of the sensors beside the imu, in arrays for compiled functions."""
+
+    anchors: np.ndarray
+    """positions a_i of the anchors in W (n, 3) [m]."""
+    lever: np.ndarray
+    """position of the uwb antenna in B (3) [m]."""
+    range_noise: np.ndarray
+    """s_0 [m] and s_1 [1] of the noise sd s_0 + s_1 r of a range r (2)."""
+    differences: bool
+    """whether all ranges of a message share an unknown clock offset, so that only their differences count."""
+    in_pairs: bool
+    """whether the uwb's messages hold differences of ranges."""
+    boxes: BoxBelief
+    """landmarks, camera and settings of the association of boxes to landmarks; the errors and the gate are not read."""
+    pixel_noise: np.ndarray
+    """sd of a small box's centre [px], growth of this sd [1/px], share of the variance that lasts [1] (3)."""
+    angle_sd: float
+    """noise sd of a sample of the imu's angles [rad]; 0 leaves the angles out."""
+    gates: np.ndarray
+    """largest squared distance of a scalar, of a box's centre, and of a box in the association to a landmark (3)."""
+    huber: float
+    """constant c of Huber's weight, see update.py."""
+    watch: Watch
+    """settings of the watch; read only if Motion.watches."""
 
 
 def watch_of(settings: Settings, h: float) -> Watch:

@@ -14,10 +14,10 @@ from numba.extending import register_jitable
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.pinhole import Camera, box_and_jacobian, sines
 from ortilo_drake.model.placing import put
-from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.attitude_rows import inverse_rate_matrix
 from ortilo_drake.onboard.estimator.tight.inertial import angles_of, matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, Layout, V, pose_of, put_places
+from ortilo_drake.onboard.estimator.tight.model import Aids
 from ortilo_drake.onboard.estimator.tight.update import Taken, correct, innovation_variance, none_taken, settle, update
 from ortilo_drake.onboard.landmarks.landmark_association import center_sd
 

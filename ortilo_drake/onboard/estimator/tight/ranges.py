@@ -22,9 +22,9 @@ from numba.extending import register_jitable
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B
 from ortilo_drake.model.signals import PAYLOAD
-from ortilo_drake.onboard.estimator.tight.aids import Aids
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, Layout, V, pose_of, put_places
+from ortilo_drake.onboard.estimator.tight.model import Aids
 from ortilo_drake.onboard.estimator.tight.update import (
     inject,
     innovation_variance,
