@@ -89,13 +89,6 @@ def counted(squares: float, expected: float) -> float:
     return float(np.sqrt(LIMIT * expected / squares))
 
 
-@register_jitable
-def put_noise(noise: np.ndarray, told: np.ndarray, scale: np.ndarray, share: float) -> None:
-    """Write the estimated noise of the ranges (3), given the noise `told` of the settings (3)."""
-    c = np.sqrt(scale[SCALE])
-    noise[0], noise[1], noise[2] = c * told[0], c * told[1], share * told[2]
-
-
 N_NOISE = 3  # number of noise settings s_0, s_1, s_2 of range_equations.py
 
 
@@ -140,7 +133,8 @@ def bank_step(
         survey[SHARE] = weigh_scales(gathered, scale, bank, n.noise[2], n.worth, weights, Q, S, e)
     else:
         survey[SHARE] = weigh(weights, gathered, bank, n.noise[2], S, e)
-    put_noise(noise, n.noise, scale, survey[SHARE])
+    c = np.sqrt(scale[SCALE])
+    noise[0], noise[1], noise[2] = c * n.noise[0], c * n.noise[1], survey[SHARE] * n.noise[2]
     if its.size > FIX_SIZE:
         sensitivities = its.size - 6 * e.size
         keep(survey, its[sensitivities - N_LASTING : sensitivities], its[sensitivities:])

@@ -33,6 +33,7 @@ from ortilo_drake.theory.arrivals.arrivals import Model, check_model, check_rate
 from ortilo_drake.theory.arrivals.critical_rate import mare_critical_rate, unstable_part
 from ortilo_drake.theory.arrivals.expected_riccati import upper_bound
 from ortilo_drake.theory.modes.modes import listed, unreached_modes, unseen_modes
+from ortilo_drake.theory.riccati.riccati import gain
 from ortilo_drake.theory.riccati.riccati_problem import real_matrices
 
 
@@ -69,7 +70,7 @@ def acknowledged_gain(
     if nu <= critical:
         raise InputError(f"nu: {nu:g}: must be above {critical:.6g}, at which no gain keeps the state bounded any more")
     S = upper_bound(dual, np.array([1.0 - nu, nu]))
-    return np.linalg.solve(B.T @ S @ B + U, B.T @ S @ A), S
+    return gain(A, B, U, S), S
 
 
 SETTLED = 1e-9  # relative change of a step at which S and T count as steady

@@ -120,14 +120,6 @@ def squared_distances(e: np.ndarray, CPCt: np.ndarray, V: np.ndarray, scale: flo
 
 
 @cached_njit
-def weight_of(squared: float, rows: int, huber: float, dof: float) -> float:
-    """Return w, the factor on a value's covariance, at least 1; pass inf for `huber` or for `dof`."""
-    if huber < np.inf:
-        return max(1.0, np.sqrt(squared) / huber)
-    return max(1.0, (dof + squared) / (dof + rows))
-
-
-@cached_njit
 def judge_sensors(
     y: np.ndarray,
     delta: np.ndarray,
@@ -160,7 +152,8 @@ def judge_sensors(
         CPCt = product(product(rows, P), rows.T)
         plain, squared = squared_distances(e, CPCt, V, scale)
         if squared <= gates[j]:
-            factors[j] = scale * weight_of(squared, m, huber, dof)
+            w = np.sqrt(squared) / huber if huber < np.inf else (dof + squared) / (dof + m)
+            factors[j] = scale * max(1.0, w)
             since = t - state[j, LAST]
             share = 1.0 - exp(-since / time)
             state[j, SINCE] = NEVER
