@@ -85,7 +85,8 @@ def predicted_bound(
         scale = 1.0 / np.sqrt((1.0 - after) ** 2 + after**2)
         while at < rows.shape[0] and rows[at, TICK] <= tick:
             slow = int(rows[at, SLOW])
-            weights[0, :m], weights[0, m:], r[0] = rows[at, GRADIENT], 0.0, rows[at, VARIANCE]
+            weights[0, :m], weights[0, m:], states[0, m:] = rows[at, GRADIENT], 0.0, 0
+            r[0] = rows[at, VARIANCE]
             if slow >= 0:
                 c = place[slow]
                 if c < 0:

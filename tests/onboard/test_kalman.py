@@ -5,9 +5,10 @@ import pytest
 from scipy.linalg import block_diag
 
 from ortilo_drake.floor.information_filter import predicted_bound
+from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.onboard.estimator.kalman import predicted_covariance, predictor_gain
 from ortilo_drake.onboard.estimator.linear_filter import linear_filter_step, linear_model
-from ortilo_drake.sensors.information_rows import VARIANCE, rows_of
+from ortilo_drake.sensors.information_rows import AMPLITUDE, SLOW, VARIANCE, rows_of
 from ortilo_drake.studies.command_link.command_loop import over_arrivals
 from ortilo_drake.studies.room_design.path_bound import PathModel, position_variance
 
@@ -81,6 +82,16 @@ def test_the_cramer_rao_recursion_is_the_covariance_of_the_printed_predictor(rng
     for k in range(TICKS):
         assert_same(found[k], P[:12, :12])
         P = printed(Phi, W, P, g[5 * k : 5 * k + 5], np.diag(r[5 * k : 5 * k + 5]))
+
+
+def test_a_slow_error_that_was_dropped_is_read_no_more() -> None:
+    """As plain Python, which refuses an index outside an array: one slow error in six, then rows without any."""
+    rng = np.random.default_rng(9)
+    Phi, W = random_model(rng, 12)
+    rows = rows_of(np.arange(TICKS), rng.normal(size=(TICKS, 12)), np.ones(TICKS))
+    rows[:6, SLOW], rows[:6, AMPLITUDE] = np.arange(6), 0.5
+    given = rows, TICKS, Phi, W, np.eye(12), 5
+    np.testing.assert_allclose(plain_source(predicted_bound)(*given), predicted_bound(*given), rtol=1e-9)
 
 
 @pytest.mark.parametrize("rng", MODELS)
