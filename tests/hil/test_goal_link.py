@@ -169,11 +169,13 @@ def test_a_goal_is_taken_although_two_packets_are_lost(bus: str) -> None:
     assert (heard[0].x, heard[0].y) == (1.0, 2.0)
 
 
-def test_every_refusal_is_one_line(bus: str, other_bus: str) -> None:
+def test_every_refusal_is_one_line(bus: str, other_bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match=r"^goal \(1, 2\): in an obstacle$"):
         ask(bus, lambda goal, n: "in an obstacle")
-    with pytest.raises(InputError, match=r"^goal \(1, 2\): no answer in 1 s$"):
-        ask(bus, lambda goal, n: None, wait=1.0)
+    with monkeypatch.context() as patch:  # however long the world takes to be heard
+        patch.setattr(goal_link, "find_world", lambda bus, inbox, scenario, _: find_world(bus, inbox, scenario, HANGS))
+        with pytest.raises(InputError, match=r"^goal \(1, 2\): no answer in 1 s$"):
+            ask(bus, lambda goal, n: None, wait=1.0)
     with pytest.raises(InputError, match=r"^world: flies another scenario \(.*only the world knows$"):
         ask(bus, lambda goal, n: "", settings=(*SETTINGS, "control_rate=60"))
     with pytest.raises(InputError, match=r"^world: not heard in 0.2 s; start it with: ortilo hil world$"):
@@ -187,12 +189,8 @@ def test_the_command_takes_numbers_below_zero(bus: str, tmp_path: Path) -> None:
         heard.append(goal)
         return "no way" if goal.x > 0.0 else ""
 
-    options = [part for setting in SETTINGS for part in ("--set", setting)] + [
-        "--url",
-        bus,
-        "--key",
-        str(key_file(tmp_path)),
-    ]
+    options = [part for setting in SETTINGS for part in ("--set", setting)]
+    options += ["--url", bus, "--key", str(key_file(tmp_path)), "--wait", str(HANGS)]
     with flying(bus, answer):
         done = CliRunner().invoke(hil_app, ["goal", "-1.5", "-2e-1", "nominal_imu_uwb", *options])
         refused = CliRunner().invoke(hil_app, ["goal", "1", "-2", "nominal_imu_uwb", *options])
@@ -203,15 +201,22 @@ def test_the_command_takes_numbers_below_zero(bus: str, tmp_path: Path) -> None:
 
 def test_a_flight_in_lockstep_refuses_and_goes_on(bus: str) -> None:
     scenario, joined = load_scenario("nominal_imu_uwb", SETTINGS), open_bus(bus)
-    inbox, answers, refused = Inbox(joined, ["hello", "goal"]), [], threading.Event()
-    with answering(scenario, bus) as answered, ThreadPoolExecutor(1) as pool:
-        world = pool.submit(run_world, scenario, bus, KEY, True, HANGS, record=lambda *tick: refused.wait(0.2))
+    inbox, answers, asked, refused = Inbox(joined, ["hello", "goal"]), [], threading.Event(), threading.Event()
+
+    def wait_a_little(*tick: object) -> None:
+        """Go on only once the goal is under way; the world passes packets on between its ticks."""
+        asked.wait(HANGS)
+        refused.wait(0.2)
+
+    with answering(scenario, bus, after_user=True) as answered, ThreadPoolExecutor(1) as pool:
+        world = pool.submit(run_world, scenario, bus, KEY, True, HANGS, record=wait_a_little)
         flight = find_world(joined, inbox, scenario, HANGS).flight
         link = GoalLink(Outbox(joined, flight.session), inbox, HANGS)
         link.ask(1.0, 2.0)
         while not answers:
             heard = [arrival.packet.value for arrival in inbox.poll(10) if arrival.packet.name == "goal"]
             answers += filter(None, [link.turn(heard)])
+            asked.set()
         refused.set()
         flight, _ = world.result(HANGS)
         assert answered.result(HANGS) == flight.sizes["tick"]

@@ -7,7 +7,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from hil_link import KEY, PlayedWorld, open_bus, settle
+from hil_link import KEY, PlayedWorld, open_bus, settle, wait_for_message
+from waiting import HANGS, wait_for
 
 from ortilo_drake.hil.wire.bus import Bus
 from ortilo_drake.hil.wire.handshake import Greeter, MetFlight, find_world, meet_onboard, meet_world
@@ -24,15 +25,15 @@ SCENARIO, OTHER = (
 STRANGER = 32 * b"s"
 
 
-def as_world(bus: str, key: bytes = KEY, scenario: Scenario = SCENARIO, wait: float = 60.0) -> Flight:
-    with Bus(bus, key, serves=True) as joined:
+def as_world(bus: str) -> Flight:
+    with Bus(bus, KEY, serves=True) as joined:
         inbox = Inbox(joined, ("hello", "command", "telemetry"))
-        return meet_onboard(Greeter(joined, scenario, False), inbox, scenario, wait)
+        return meet_onboard(Greeter(joined, SCENARIO, False), inbox, SCENARIO, HANGS)
 
 
-def as_onboard(bus: str, key: bytes = KEY, scenario: Scenario = SCENARIO, wait: float = 60.0) -> MetFlight:
-    with Bus(bus, key) as joined:
-        return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS)), scenario, wait)
+def as_onboard(bus: str, scenario: Scenario = SCENARIO) -> MetFlight:
+    with Bus(bus, KEY) as joined:
+        return meet_world(joined, Inbox(joined, ("hello", "tick", *PORTS)), scenario, HANGS)
 
 
 def both(world: Callable[[], Flight], onboard: Callable[[], MetFlight]) -> tuple["Future[Flight]", "Future[MetFlight]"]:
@@ -61,12 +62,28 @@ def test_halves_of_two_scenarios_refuse_each_other_by_name(bus: str) -> None:
 
 
 def test_halves_with_two_keys_do_not_meet_and_say_why(bus: str) -> None:
-    world, onboard = both(lambda: as_world(bus, wait=3.0), lambda: as_onboard(bus, STRANGER, wait=3.0))
-    for half, other in ((onboard, "world"), (world, "onboard half")):
-        with pytest.raises(
-            InputError, match=rf"^{other}: not heard in 3 s; .*; \d+ connections were refused: give both"
-        ):
-            half.result()
+    served, stranger = open_bus(bus, serves=True), open_bus(bus, key=STRANGER)
+    at_world, at_onboard = Inbox(served, ("hello",)), Inbox(stranger, ("hello",))
+
+    def both_refused() -> bool:
+        assert at_world.poll(5) == at_onboard.poll(5) == []
+        return bool(served.refused["key"] and stranger.refused["key"])
+
+    wait_for(both_refused, "connections are refused")
+    said = r": not heard in 0.2 s; .*; \d+ connections were refused: give both"
+    with pytest.raises(InputError, match=f"^onboard half{said}"):
+        meet_onboard(Greeter(served, SCENARIO, False), at_world, SCENARIO, 0.2)
+    with pytest.raises(InputError, match=f"^world{said}"):
+        meet_world(stranger, at_onboard, SCENARIO, 0.2)
+
+
+def test_who_stood_still_for_all_of_its_wait_hears_what_came_meanwhile(bus: str) -> None:
+    world, joined = PlayedWorld(bus, SCENARIO), open_bus(bus)
+    inbox = Inbox(joined, ("hello",))
+    settle(world.bus, joined)
+    world.turn(5)
+    wait_for_message(joined)
+    assert find_world(joined, inbox, SCENARIO, 0.0).tick == 5
 
 
 def test_a_flight_takes_nothing_of_an_older_one(bus: str) -> None:
@@ -87,7 +104,7 @@ def test_who_listens_waits_for_a_world_that_looks_for_its_half(bus: str) -> None
     joined = open_bus(bus)
     with ThreadPoolExecutor(3) as pool:
         world = pool.submit(as_world, bus)
-        user = pool.submit(find_world, joined, Inbox(joined, ("hello",)), SCENARIO, 60.0)
+        user = pool.submit(find_world, joined, Inbox(joined, ("hello",)), SCENARIO, HANGS)
         time.sleep(0.3)
         assert not user.done()
         pool.submit(as_onboard, bus)
@@ -96,6 +113,7 @@ def test_who_listens_waits_for_a_world_that_looks_for_its_half(bus: str) -> None
 
 def test_a_world_without_its_half_is_told_of(bus: str) -> None:
     joined, over = open_bus(bus), threading.Event()
+    inbox = Inbox(joined, ("hello",))
 
     def until_over() -> None:
         if over.is_set():
@@ -104,14 +122,17 @@ def test_a_world_without_its_half_is_told_of(bus: str) -> None:
     def look() -> Flight:
         with Bus(bus, KEY, serves=True) as of_world:
             greeter = Greeter(of_world, SCENARIO, False)
-            return meet_onboard(greeter, Inbox(of_world, ("hello",)), SCENARIO, 60.0, until_over)
+            return meet_onboard(greeter, Inbox(of_world, ("hello",)), SCENARIO, HANGS, until_over)
 
     with ThreadPoolExecutor(1) as pool:
         world = pool.submit(look)
-        with pytest.raises(
-            InputError, match=r"^world: found no onboard half in 3 s; start it with: ortilo hil onboard"
-        ):
-            find_world(joined, Inbox(joined, ("hello",)), SCENARIO, 3.0)
-        over.set()
+        try:
+            wait_for(lambda: inbox.poll(10), "the world")
+            wait_for_message(joined)  # however long the world's thread stands still now
+            said = r"^world: found no onboard half in 0.2 s; start it with: ortilo hil onboard"
+            with pytest.raises(InputError, match=said):
+                find_world(joined, inbox, SCENARIO, 0.2)
+        finally:
+            over.set()
         with pytest.raises(InputError, match="over"):
             world.result()

@@ -136,8 +136,11 @@ def hear(inbox: Inbox, n: int = 1) -> list[Any]:
     return came
 
 
-def join(onboard: Bus, at_world: Inbox, of_world: Outbox) -> int:
-    """Return once packets pass a relay both ways; return how many were sent to the onboard half until then."""
+def join(onboard: Bus, at_world: Inbox, of_world: Outbox, line: FaultModel) -> int:
+    """Return how many ticks were sent to the onboard half until packets pass a relay both ways.
+
+    All that passes is there then: `line` says which tick is the last that does, and of the hellos the last is another.
+    """
     there: list[bytes] = []
     onboard.subscribe(channel_of("tick"), there.append)
     heard = sent = 0
@@ -145,15 +148,17 @@ def join(onboard: Bus, at_world: Inbox, of_world: Outbox) -> int:
     def passes() -> bool:
         nonlocal heard, sent
         say_hello(onboard, Hello("onboard", 16 * "0", 77))
-        of_world.send("tick", b"")
+        of_world.send("tick", b"%d" % sent)
         sent += 1
         onboard.handle(10)
         heard += len(at_world.poll(10))
         return bool(heard and there)
 
     wait_for(passes, "packets")
-    while at_world.poll(100) or onboard.handle(100):
-        pass
+    passing, last = [k for k in range(sent) if line.due_times("tick", 0.0)], Hello("onboard", 16 * "0", 77, nonce=1)
+    say_hello(onboard, last)
+    wait_for(lambda: onboard.handle(10) == 0 and there[-1] == b"%d" % passing[-1], "the last tick")
+    wait_for(lambda: last in [arrival.packet.value for arrival in at_world.poll(10)], "the last hello")
     return sent
 
 
@@ -169,7 +174,7 @@ def test_a_relay_passes_both_ways_without_echo_and_with_its_faults(bus: str, oth
     of_world, of_onboard = Outbox(world, 77), Outbox(onboard, 77)
     at_world, at_onboard = Inbox(world, ["command", "hello", "goal"], FLIGHT), Inbox(onboard, ["imu", "goal"], FLIGHT)
     wait_for(lambda: world.handle(10) or world._others, "the relay")
-    ticks = join(onboard, at_world, of_world)
+    ticks = join(onboard, at_world, of_world, FaultModel(Faults(loss=0.5), 5, "to_onboard"))
     line = FaultModel(Faults(loss=0.5), 5, "to_onboard")
     passed = [tick for tick in range(12) if line.due_times("imu", 0.0)]
     for tick in range(12):

@@ -224,7 +224,7 @@ def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone(bus: 
         def fail(t: float, messages: Signals, outputs: Signals) -> None:
             raise OSError("no route\nto host")
 
-        return run_bridge(bus, KEY, scenario, {"bad": fail, "good": take}, wait=10.0, say=lines.append)
+        return run_bridge(bus, KEY, scenario, {"bad": fail, "good": take}, wait=HANGS, say=lines.append)
 
     report = with_world(bus, scenario, listen)
     assert len(taken) >= 20
@@ -243,10 +243,10 @@ def test_without_a_target_left_or_on_another_flight_it_ends_with_one_line(bus: s
         raise ValueError
 
     with pytest.raises(InputError, match=r"nothing left to send to \(only\)"):
-        with_world(bus, scenario, lambda stop: run_bridge(bus, KEY, scenario, {"only": fail}, say=lambda line: None))
+        with_world(bus, scenario, lambda stop: run_bridge(bus, KEY, scenario, {"only": fail}, None, HANGS, print))
     other = load_scenario("nominal_imu_uwb", (*SETTINGS, "control_rate=60"))
     with pytest.raises(InputError, match="flies another scenario"):
-        with_world(bus, scenario, lambda stop: run_bridge(bus, KEY, other, {}, say=lambda line: None))
+        with_world(bus, scenario, lambda stop: run_bridge(bus, KEY, other, {}, None, HANGS, print))
     with pytest.raises(InputError, match="not heard"):
         run_bridge(bus, KEY, scenario, {}, wait=0.1, say=lambda line: None)
 
@@ -270,7 +270,7 @@ def test_goals_are_passed_on_and_their_answers_said(bus: str) -> None:
             said = len(lines)
             return np.array(next(wishes))
 
-        return run_bridge(bus, KEY, scenario, {"ros2": lambda *tick: None}, 20.0, 10.0, lines.append, goals)
+        return run_bridge(bus, KEY, scenario, {"ros2": lambda *tick: None}, None, HANGS, lines.append, goals)
 
     report = with_world(bus, scenario, listen)
     assert lines[1:4] == [

@@ -12,7 +12,7 @@ A process without the key does not get this far (bus.py).
 import hashlib
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 from ortilo_drake.hil.wire.bus import Bus
@@ -73,6 +73,19 @@ def unheard(inbox: Inbox, wait: float, command: str) -> str:
     return f"not heard in {wait:g} s; start it with: {command}{other}"
 
 
+def _looks(wait: float) -> Iterator[float]:
+    """Yield the time of time.monotonic() [s] again and again, for the last time once `wait` [s] are over.
+
+    So a process that stood still for longer than its wait still looks at the packets that came meanwhile.
+    """
+    until = time.monotonic() + wait
+    while True:
+        now = time.monotonic()
+        yield now
+        if now >= until:
+            return
+
+
 class MetFlight(NamedTuple):
     """A flight under way that a process has found, whether it flies in lockstep, and its tick at that moment.
 
@@ -92,8 +105,8 @@ def find_world(bus: Bus, inbox: Inbox, scenario: Scenario, wait: float, role: st
     half. InputError if the world is not heard, finds no onboard half, or flies another scenario than this process.
     """
     digest, nonce = scenario_digest(scenario), draw()
-    until, last_sent, answer = time.monotonic() + wait, -1.0, None
-    while (now := time.monotonic()) < until:
+    last_sent, answer = -1.0, None
+    for now in _looks(wait):
         for arrival in inbox.poll(round(1e3 * EVERY)):
             hello = arrival.packet.value
             if hello.role != "world" or hello.state == FINISHED:
@@ -121,11 +134,7 @@ def _is_commanded(bus: Bus, met: MetFlight) -> bool:
     commands = Inbox(bus, ("command",))
     commands.begin(met.flight, met.tick)
     try:
-        until = time.monotonic() + OTHERS
-        while time.monotonic() < until:
-            if commands.poll(10):
-                return True
-        return False
+        return any(commands.poll(10) for _ in _looks(OTHERS))
     finally:
         commands.leave()
 
@@ -182,8 +191,8 @@ def meet_onboard(
     onboard half is not heard, or flies another scenario.
     """
     digest = scenario_digest(scenario)
-    until, last_sent = time.monotonic() + wait, -1.0
-    while (now := time.monotonic()) < until:
+    last_sent = -1.0
+    for now in _looks(wait):
         if now > last_sent + EVERY:
             check_alive()
             greeter.say()
