@@ -139,6 +139,23 @@ def test_a_half_that_joins_takes_nothing_from_before() -> None:
     assert inbox.counts().refused == {"old": 2}
 
 
+def test_a_flight_that_begins_anew_counts_nothing_of_the_one_before() -> None:
+    inbox, outbox = inbox_and_outbox("command")
+    for begins, ticks in ((0, (5, 9, 7)), (2, (2, 4))):
+        inbox.begin(FLIGHT, begins)
+        for tick in ticks:
+            outbox.send("command", encode_command(77, tick, u(0.0)))
+        assert ticks_of(inbox) == list(ticks)
+    assert asdict(inbox.counts("command")) == {
+        "accepted": 2,
+        "late": 0,
+        "duplicates": 0,
+        "lost": 1,
+        "rejected": 0,
+        "refused": {},
+    }
+
+
 def test_the_worlds_hellos_tell_its_tick_and_nobody_elses_do() -> None:
     joined = Loop()
     inbox = Inbox(joined, ["hello"], FLIGHT)

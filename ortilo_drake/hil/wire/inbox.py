@@ -39,14 +39,17 @@ class PacketCounts:
     refused: dict[str, int]
 
 
-class _Seen:
-    """The REMEMBERED greatest ticks of a channel. Ticks up to the last forgotten one, or below a floor, are old.
+class _Channel:
+    """The ticks of a channel, of which it knows the REMEMBERED greatest.
 
-    A single tick far ahead does not make other ticks old.
+    Ticks up to the last forgotten one, or below a floor, are old. A single tick far ahead does not make others old.
+    `late` counts the ticks that came after a newer one.
     """
 
     def __init__(self, floor: int = 0):
-        self._floor = floor
+        self.late = 0
+        self._floor, self._newest = floor, -1
+        self._first = self._distinct = 0
         self._heap: list[int] = []
         self._known: set[int] = set()
 
@@ -56,6 +59,10 @@ class _Seen:
             raise BadPacket("old")
         if tick in self._known:
             return False
+        self.late += tick < self._newest
+        self._first = min(self._first, tick) if self._distinct else tick
+        self._newest = max(self._newest, tick)
+        self._distinct += 1
         self._known.add(tick)
         heapq.heappush(self._heap, tick)
         if len(self._heap) > REMEMBERED:
@@ -63,6 +70,10 @@ class _Seen:
             self._known.remove(least)
             self._floor = least + 1
         return True
+
+    def lost(self) -> int:
+        """Return the number of ticks that are missing between the first and the newest."""
+        return self._newest + 1 - self._first - self._distinct
 
 
 class Inbox:
@@ -81,14 +92,11 @@ class Inbox:
         self.flight, self.tick = flight, -1
         self._bus = bus
         self._raw: deque[tuple[str, float, bytes]] = deque()
-        self._newest = dict.fromkeys(names, -1)
-        self._seen = {name: _Seen() for name in self._newest}
+        self._channels = {name: _Channel() for name in names}
         self._joined = 0
-        self._distinct: Counter[str] = Counter()
-        self._first: dict[str, int] = {}
         self._count: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
-        self._takers = {channel_of(name): partial(self._keep, name) for name in self._newest}
+        self._takers = {channel_of(name): partial(self._keep, name) for name in self._channels}
         for channel, take in self._takers.items():
             bus.subscribe(channel, take)
 
@@ -103,7 +111,7 @@ class Inbox:
     def begin(self, flight: Flight, tick: int = 0) -> None:
         """Take the packets of a flight from a tick on, and reset the counts."""
         self.flight, self._joined, self.tick = flight, tick, tick - 1
-        self._seen = {name: _Seen(tick) for name in self._newest}
+        self._channels = {name: _Channel(tick) for name in self._channels}
         self._count.clear()
         self._refused.clear()
         self._bus.refused.clear()
@@ -141,14 +149,9 @@ class Inbox:
             if goal.tick < max(self._joined, self.tick - age):
                 raise BadPacket("old")
             return True  # a repeated request asks for its answer again
-        newest, tick = self._newest[name], packet.tick
-        if not self._seen[name].add(tick):
+        if not self._channels[name].add(packet.tick):
             return False
-        self._distinct[name] += 1
-        self._count["late"] += tick < newest
-        self._newest[name] = max(newest, tick)
-        self._first[name] = min(self._first.get(name, tick), tick)
-        self.tick = max(self.tick, tick)
+        self.tick = max(self.tick, packet.tick)
         return True
 
     def counts(self, name: str = "") -> PacketCounts:
@@ -156,10 +159,15 @@ class Inbox:
 
         `lost` counts the channel `name`; it is 0 without a name, because a sensor does not send in every tick.
         """
-        lost = self._newest[name] + 1 - self._first.get(name, 0) - self._distinct[name] if name else 0
         refused = self._refused + self._bus.refused
-        counted = {key: self._count[key] for key in ("accepted", "late", "duplicates")}
-        return PacketCounts(**counted, lost=lost, rejected=refused.total(), refused=dict(sorted(refused.items())))
+        return PacketCounts(
+            accepted=self._count["accepted"],
+            late=sum(channel.late for channel in self._channels.values()),
+            duplicates=self._count["duplicates"],
+            lost=self._channels[name].lost() if name else 0,
+            rejected=refused.total(),
+            refused=dict(sorted(refused.items())),
+        )
 
 
 class TickInbox:
