@@ -14,6 +14,7 @@ from typing import Any
 from urllib.request import urlopen
 
 from tornado.websocket import WebSocketClientConnection, websocket_connect
+from waiting import HANGS
 
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
@@ -21,7 +22,7 @@ FLAGS = (
     "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--disable-dev-shm-usage", "--remote-debugging-port=0",
 )  # fmt: skip
-PATIENCE = 60.0  # [s]
+PATIENCE = HANGS
 
 
 def chromium() -> str | None:

@@ -4,12 +4,14 @@ Wall time is never tested, but within bounds that a loaded machine keeps.
 """
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 from command_line import end, run, run_apart, start
 from halves_in_processes import HOVER, PROJECTED, RENDERED, WAIT, check_in_time, checked, run_both
+from waiting import wait_for
 
 from ortilo_drake.interop.log.reader import read_messages
 
@@ -33,9 +35,13 @@ def test_lockstep_is_the_flight_of_a_single_process_with_pictures(tmp_path: Path
 @pytest.mark.real_time
 def test_three_seconds_in_real_time_at_100_hz(tmp_path: Path, bus: str) -> None:
     words = ("nominal_imu_uwb_yolo", *PROJECTED, *HOVER, "--set", "control_rate=100", "--seconds", "3", "--url", bus)
-    report = checked(tmp_path / "report.json", *words, "--png", str(tmp_path / "latencies.png"))
-    assert report["identical"] is None
-    check_in_time(report, 301)
+
+    def fly() -> dict[str, Any]:
+        report = checked(tmp_path / "report.json", *words, "--png", str(tmp_path / "latencies.png"))
+        assert report["identical"] is None
+        return report
+
+    check_in_time(fly, 301)
     assert (tmp_path / "latencies.png").stat().st_size > 1000
 
 
@@ -95,9 +101,15 @@ def test_three_seconds_in_real_time_and_what_the_onboard_half_logged_replays_ide
 ) -> None:
     log, words = tmp_path / "onboard", ("nominal_imu_uwb_yolo", *PROJECTED, *HOVER, "--url", bus, *WAIT)
     flown = tmp_path / "world.json"
-    for code, _, errors in run_both((*words, "--seconds", "3", "--json", str(flown)), (*words, "--log", str(log))):
-        assert code == 0, errors
-    check_in_time(json.loads(flown.read_text()), 91)
+
+    def fly() -> dict[str, Any]:
+        shutil.rmtree(log, ignore_errors=True)
+        for code, _, errors in run_both((*words, "--seconds", "3", "--json", str(flown)), (*words, "--log", str(log))):
+            assert code == 0, errors
+        found: dict[str, Any] = json.loads(flown.read_text())
+        return found
+
+    check_in_time(fly, 91)
     report = replayed(log, tmp_path / "replay.json")
     assert report["identical"] is True
     assert report["ticks"] > 0  # how many is a matter of the load
@@ -108,10 +120,13 @@ def test_three_seconds_in_real_time_and_what_the_onboard_half_logged_replays_ide
 def test_in_real_time_pictures_are_drawn_and_looked_at_beside_the_ticks(tmp_path: Path, bus: str) -> None:
     log, words = tmp_path / "onboard", ("nominal_imu_uwb_yolo", *RENDERED, "--set", "camera.width=160", "--url", bus)
     wait = ("--wait", "120")
-    both = run_both((*words, *wait, "--seconds", "3"), (*words, *wait, "--log", str(log)))
-    for code, _, errors in both:
-        assert code == 0, errors
-    boxes = [k for k, messages, _ in read_messages(log) if "detections" in messages]
-    assert boxes  # idle it is some 30
+
+    def boxes() -> list[int]:
+        shutil.rmtree(log, ignore_errors=True)
+        for code, _, errors in run_both((*words, *wait, "--seconds", "3"), (*words, *wait, "--log", str(log))):
+            assert code == 0, errors
+        return [k for k, messages, _ in read_messages(log) if "detections" in messages]
+
+    assert wait_for(boxes, "boxes in time")  # idle it is some 30; on a busy machine it is flown again
     report = replayed(log, tmp_path / "replay.json")
     assert report["identical"] is True
