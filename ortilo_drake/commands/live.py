@@ -72,7 +72,7 @@ def live(
                 )
                 wait_for_page(meshcat.GetNumActiveConnections)
             with Live(console=err, refresh_per_second=8, transient=True) as shown, GoalPlanner(chosen) as planner:
-                fly_live(chosen, planner, controls, scene, show)
+                fly_live(chosen, planner, controls.wishes, scene, show)
     except RuntimeError as error:  # from Drake: Meshcat's thread has ended, or the renderer cannot draw
         raise InputError(f"the flight ended: {error}") from None
     say(status.line() if status else "not flown")

@@ -44,7 +44,7 @@ class Flying(Thread):
         with Guard(meshcat, panel, None, lambda: self.readings, self.refused.append) as guard:
             self.url = guard.url
             self.is_ready.set()
-            fly_live(scenario, AtOnce(scenario), controls, scene, self.show)
+            fly_live(scenario, AtOnce(scenario), controls.wishes, scene, self.show)
 
     def show(self, status: Status) -> None:
         self.status, self.readings = Status(**vars(status)), status.json()

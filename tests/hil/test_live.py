@@ -3,7 +3,8 @@
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from itertools import chain, repeat
 from typing import Any
 
 import msgpack
@@ -31,10 +32,9 @@ from ortilo_drake.hil.live.controls import (
     STRONGEST_PUSH,
     Controls,
 )
-from ortilo_drake.hil.live.live_flight import LiveFlight, ShownTick, with_a_force
+from ortilo_drake.hil.live.live_flight import LiveFlight, ShownTick, Wishes, with_a_force
 from ortilo_drake.hil.live.scene import Scene
 from ortilo_drake.hil.live.session import Shares, Status, fly_live, wait_for_page
-from ortilo_drake.hil.live.wishes import Wishes
 from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.views.guarded.panel import Panel
 
@@ -129,20 +129,11 @@ class Clock:
         self.now += seconds
 
 
-class Script:
-    """Wishes one after the other, then the end."""
-
-    def __init__(self, wishes: Iterator[Wishes]):
-        self._wishes = wishes
-
-    def wishes(self) -> Wishes:
-        return next(self._wishes, Wishes(ends=True))
-
-
 def session(wishes: list[Wishes], scenario: Scenario = HOVERING) -> tuple[Status, Clock, list[Status]]:
     clock, shown = Clock(), list[Status]()
     show: Callable[[Status], None] = lambda status: shown.append(Status(**vars(status)))  # noqa: E731
-    last = fly_live(scenario, AtOnce(scenario), Script(iter(wishes)), None, show, clock)
+    says = chain(wishes, repeat(Wishes(ends=True))).__next__
+    last = fly_live(scenario, AtOnce(scenario), says, None, show, clock)
     return last, clock, shown
 
 

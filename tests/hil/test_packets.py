@@ -27,8 +27,7 @@ from ortilo_drake.hil.wire.packets import (
     encode_tick,
     encode_vector,
 )
-from ortilo_drake.hil.wire.plain_text import plain
-from ortilo_drake.hil.wire.unpack import BadPacket, Flight, Packet, decode, largest_to_world
+from ortilo_drake.hil.wire.unpack import BadPacket, Flight, Packet, decode, largest_to_world, plain
 from ortilo_drake.model.measurement import make_measurement
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.signals import ACTED_SIZE, IMU_SIZE, MAX_DETECTIONS, VELOCITY_SIZE

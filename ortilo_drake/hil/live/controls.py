@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from ortilo_drake.hil.live.wishes import Wishes
+from ortilo_drake.hil.live.live_flight import Wishes
 from ortilo_drake.model.room import Room
 from ortilo_drake.sensors.described import unwired
 from ortilo_drake.views.guarded.panel import Panel

@@ -5,27 +5,19 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
 from ortilo_drake.hil.goals.goals import GoalPlanner
-from ortilo_drake.hil.live.live_flight import LiveFlight, ShownTick
+from ortilo_drake.hil.live.live_flight import LiveFlight, ShownTick, Wishes
 from ortilo_drake.hil.live.scene import Scene
-from ortilo_drake.hil.live.wishes import Wishes
 from ortilo_drake.model.as_data import as_data
 from ortilo_drake.scenario import Scenario
 
 DRAWN_EVERY: Final = 1.0 / 15.0  # least period of drawing the page [s of wall time]
 RECENT: Final = 5.0  # window over which shares of arrivals are counted [s]
 _REST: Final = 0.02  # time between two reads of the controls while the flight stands still, or checks for a page [s]
-
-
-class SaysWishes(Protocol):
-    """The controls of a live flight."""
-
-    def wishes(self) -> Wishes:
-        """Return the present wishes."""
 
 
 @dataclass
@@ -98,21 +90,21 @@ def wait_for_page(pages: Callable[[], int], clock: Any = time) -> None:
 def fly_live(
     scenario: Scenario,
     planner: GoalPlanner,
-    controls: SaysWishes,
+    says: Callable[[], Wishes],
     scene: Scene | None,
     show: Callable[[Status], None],
     clock: Any = time,
 ) -> Status:
-    """Fly until the controls ask to end; return the last status.
+    """Fly until the user asks to end; return the last status.
 
-    A lost flight stands still until the user restarts it. `planner` plans paths to goals, `controls` give the user's
-    wishes, and `scene`, if there is one, shows the flight. `show` is called at intervals with the status. `clock` has
-    monotonic() and sleep().
+    A lost flight stands still until the user restarts it. `planner` plans paths to goals, `says` returns the user's
+    present wishes, and `scene`, if there is one, shows the flight. `show` is called at intervals with the status.
+    `clock` has monotonic() and sleep().
     """
     due: dict[str, int] = {sensor: scenario.every(sensor) for sensor in scenario.sensors}
     status, drawn_at, begins = Status(scenario=scenario.name), -np.inf, True
     while True:
-        wishes = controls.wishes()
+        wishes = says()
         if wishes.ends:
             return status
         if begins or wishes.restarts:

@@ -14,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from graphlib import TopologicalSorter
 from typing import Any
 
 import numpy as np
@@ -129,20 +130,13 @@ def dataflow_order(diagram: Diagram) -> list[OutputPort]:
     """Return the output ports of a Diagram's leaves, each after the ports that its value depends on."""
     sources, systems = _sources(diagram), {leaf.GetSystemPathname(): leaf for leaf in leaves(diagram)}
     ports = {(path, j): s.get_output_port(j) for path, s in systems.items() for j in range(s.num_output_ports())}
-    order: dict[Port, OutputPort] = {}
 
-    def append(key: Port) -> None:
-        if key in order:
-            return
-        path, j = key
-        for i in range(systems[path].num_input_ports()):
-            if (path, i) in sources and systems[path].HasDirectFeedthrough(i, j):
-                append(sources[path, i])
-        order[key] = ports[key]
+    def before(path: str, j: int) -> list[Port]:
+        inputs = (i for i in range(systems[path].num_input_ports()) if (path, i) in sources)
+        return [sources[path, i] for i in inputs if systems[path].HasDirectFeedthrough(i, j)]
 
-    for key in ports:  # the recursion ends, because Drake refuses algebraic loops
-        append(key)
-    return list(order.values())
+    order = TopologicalSorter({key: before(*key) for key in ports})
+    return [ports[key] for key in order.static_order()]  # there is one, because Drake refuses algebraic loops
 
 
 def updating_systems(diagram: Diagram) -> list[System]:

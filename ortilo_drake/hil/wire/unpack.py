@@ -40,7 +40,6 @@ from ortilo_drake.hil.wire.packets import (
     Hello,
     ports,
 )
-from ortilo_drake.hil.wire.plain_text import plain
 from ortilo_drake.interop.ros.picture_codec import decode_foreign_png
 from ortilo_drake.model.signals import ARRIVED, N_U, STAMP, samples_in
 
@@ -129,6 +128,15 @@ def check_texts(role: str, roles: tuple[str, ...], *others: str) -> None:
     """Refuse an unknown role, and texts longer than MAX_TEXT."""
     if role not in roles or any(len(text.encode()) > MAX_TEXT for text in others):
         raise BadPacket("text")
+
+
+def plain(text: str) -> str:
+    """Return a text with U+FFFD in place of each character that str.isprintable refuses.
+
+    These are the control characters of C0 and C1 (with ESC), characters that change the direction of writing or are
+    invisible, line and paragraph separators, surrogates, and characters that Unicode has not assigned.
+    """
+    return "".join(character if character.isprintable() else "\ufffd" for character in text)
 
 
 _TURN: Final = 8 + 8 + 8  # fingerprint, session, tick

@@ -3,6 +3,7 @@
 import numpy as np
 import rerun as rr
 import xarray as xr
+from scipy.spatial.transform import Rotation
 
 from ortilo_drake.flight.flight import scenario_of
 from ortilo_drake.interop.rerun.series import Series
@@ -127,12 +128,6 @@ def send_series(recording: rr.RecordingStream, path: str, series: Series) -> Non
     recording.send_columns(path, indexes=[time_column(series.times[there])], columns=columns)
 
 
-def turned(yaws: np.ndarray) -> np.ndarray:
-    """Return turns about z of W (n) [rad] as quaternions (x, y, z, w) (n, 4)."""
-    zero = np.zeros_like(yaws)
-    return np.column_stack([zero, zero, np.sin(yaws / 2), np.cos(yaws / 2)])
-
-
 def send_room(recording: rr.RecordingStream, room: Room) -> None:
     """Write the surveyed room under the path world/room."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -147,7 +142,7 @@ def send_room(recording: rr.RecordingStream, room: Room) -> None:
         boxes = rr.Boxes3D(
             centers=walls[:, 0:3],
             half_sizes=walls[:, 4:7],
-            quaternions=turned(walls[:, 3]),
+            quaternions=Rotation.from_euler("z", walls[:, 3:4]).as_quat(),
             colors=[WALL_RED],
             fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
         )
@@ -178,7 +173,7 @@ def _send_landmarks(recording: rr.RecordingStream, room: Room) -> None:
     boxes = rr.Boxes3D(
         centers=room.landmark_positions,
         sizes=sizes,
-        quaternions=turned(np.array([landmark.yaw for landmark in room.landmarks])),
+        quaternions=Rotation.from_euler("z", [[landmark.yaw] for landmark in room.landmarks]).as_quat(),
         class_ids=room.landmark_labels.astype(int),
         labels=[landmark.label for landmark in room.landmarks],
     )

@@ -29,16 +29,12 @@ class Ros2Bridge(Ros2Node):
         super().__enter__()
         for message in first:
             self.send(message)
-        self._open_topics()
+        for topic, type_name, _ in blank_messages(self._scenario, self._room, None):  # numba compiles what makes them
+            self._publisher(topic, type_name)
         return self
 
     def _subscribe(self) -> None:
         self._node.create_subscription(message_class(GOAL_TYPE), GOAL_TOPIC, self._take_goal, 1)
-
-    def _open_topics(self) -> None:
-        """Make the publishers of the topics sent every tick; numba compiles the functions that make their messages."""
-        for topic, type_name, _ in blank_messages(self._scenario, self._room, None):
-            self._publisher(topic, type_name)
 
     def send_tick(
         self, t: float, state: np.ndarray | None, messages: dict[str, np.ndarray], outputs: dict[str, np.ndarray]
