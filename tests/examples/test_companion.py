@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from ros_domain import own_domain
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
@@ -222,11 +223,11 @@ def test_a_service_that_is_restarted_leaves_the_start_out(tmp_path: Path) -> Non
 )
 def test_the_rehearsal_as_a_user_runs_it() -> None:
     """How often ODOMETRY comes depends on the machine, and is not asked."""
-    env = os.environ | {"ROS_DOMAIN_ID": str(100 + os.getpid() % 100)}
     command = [sys.executable, str(FOLDER / "rehearsal.py"), "--seconds", "8"]
-    told = subprocess.run(command, env=env, capture_output=True, text=True, timeout=HANGS).stdout
+    with own_domain():
+        told = subprocess.run(command, capture_output=True, text=True, timeout=HANGS).stdout
     assert "STATUSTEXT 5: the filter has begun" in told
-    assert int(re.search(r"^(\d+) ODOMETRY", told, re.MULTILINE)[1]) > 50  # type: ignore[index]
+    assert int(re.search(r"^(\d+) ODOMETRY at ", told, re.MULTILINE)[1]) > 1  # type: ignore[index]
     assert "the estimate is wrong" not in told
 
 
