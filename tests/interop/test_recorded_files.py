@@ -16,7 +16,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ortilo_drake.interop.recorded.anchors import anchors_of, read_anchors
 from ortilo_drake.interop.recorded.csv_columns import read_csv
 from ortilo_drake.interop.recorded.lec_console import read_lec
-from ortilo_drake.interop.recorded.map_file import load_map, map_text
+from ortilo_drake.interop.recorded.map_edit import map_text
+from ortilo_drake.interop.recorded.map_file import load_map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import Source

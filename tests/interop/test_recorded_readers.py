@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from made_up_motion import BAG_MAP, OFFSET, TABLE_MAP, as_map, made_up, write_bag, write_tables
 
-from ortilo_drake.interop.recorded.map_file import load_map, map_text
+from ortilo_drake.interop.recorded.map_edit import map_text
+from ortilo_drake.interop.recorded.map_file import load_map
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.interop.recorded.rejected import Rejections, lines_of_all
 from ortilo_drake.interop.recorded.units import axes_matrix

@@ -5,8 +5,10 @@ import pytest
 from made_up_motion import OFFSET, TABLE_MAP, as_map, made_up, write_tables
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.map_file import map_text
+from ortilo_drake.interop.recorded.csv_columns import LOOKED_AT, _head_of, is_comment, lines_of
+from ortilo_drake.interop.recorded.map_edit import map_text
 from ortilo_drake.interop.recorded.recording import read_recording
+from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.model.typed_yaml import InputError
 
 BEGAN = 1_403_636_579_763_555_584  # [ns], as in EuRoC's files
@@ -75,3 +77,11 @@ def test_what_is_spoilt_is_one_line_or_counted(folder) -> None:
 def test_a_map_with_a_layout_reads_back_the_same() -> None:
     map_ = as_map(f"{RANGES}\n{SEEN['euroc']}")
     assert as_map(map_text(map_)) == map_
+
+
+def test_the_layout_is_found_from_the_first_rows_alone(tmp_path) -> None:
+    (tmp_path / "a.csv").write_text("t,x\n# a comment\n" + "".join(f"{k},{k}\n" for k in range(100)))
+    lines = lines_of(tmp_path / "a.csv", Rejections("a"))
+    head = _head_of(lines, tmp_path / "a.csv")
+    assert sum(not is_comment(line) for line in head) == LOOKED_AT
+    assert next(lines)[0] == head[-1][0] + 1

@@ -139,7 +139,7 @@ def _run(
     from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
     from ortilo_drake.studies.live.live_filter import RATE
     from ortilo_drake.studies.live.setpoints import Holding
-    from ortilo_drake.studies.live.uncertainty import MOST_YAW, Limits
+    from ortilo_drake.studies.live.stamped_estimate import MOST_YAW, Limits
 
     assert options.map_file is not None
     map_ = load_map(options.map_file)

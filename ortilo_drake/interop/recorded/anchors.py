@@ -6,6 +6,7 @@ A list has the anchors in the order of the ranges. The other formats have anchor
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import yaml
 
 from ortilo_drake.interop.recorded.csv_columns import SIGNS, cells_of, lines_of, mark_of, plain
 from ortilo_drake.interop.recorded.lec_console import is_console, lec_ranges
-from ortilo_drake.interop.recorded.rejected import Rejections, named
+from ortilo_drake.interop.recorded.rejected import Rejections
 from ortilo_drake.interop.recorded.sources import MOST
 from ortilo_drake.interop.recorded.tables import number
 from ortilo_drake.model.input_files import MIB
@@ -165,7 +166,7 @@ def read_anchors(path: Path) -> dict[str, Vector]:
     The file is YAML of cfclient, JSON, a table `id, x, y, z`, or the console output of a DWM1001, from which the
     medians are taken. InputError if the file cannot be read, or has fewer than 3 or more than 256 anchors.
     """
-    told = Rejections(named(path, "anchors"))
+    told = Rejections(f"{path.name} (anchors)")
     text = "\n".join(line for _, line in lines_of(path, told, CONSOLE_LIMIT))
     if is_console(text):
         said: dict[str, list[Vector]] = {}
@@ -213,10 +214,6 @@ def _number(name: str, base: int = 10) -> int | None:
         return None
 
 
-def _as_hex(name: str) -> int | None:
-    return _number(name, 16)
-
-
 def anchors_of(rows: Sequence[str], names: Sequence[str]) -> np.ndarray:
     """Return the index (n) of each row's name in `names`, -1 for an unknown name.
 
@@ -224,11 +221,7 @@ def anchors_of(rows: Sequence[str], names: Sequence[str]) -> np.ndarray:
     recording may differ in the form of an address. The comparison that finds the most rows counts, the first of equals.
     """
     said, of_row = np.unique(np.asarray(rows, dtype=str), return_inverse=True)
-    readings: tuple[tuple[Callable[[str], str | int | None], Callable[[str], str | int | None]], ...] = (
-        (key_of, key_of),
-        (_number, _number),
-        (_number, _as_hex),
-    )
+    readings: list[list[Callable[[str], Any]]] = [[key_of] * 2, [_number] * 2, [_number, partial(_number, base=16)]]
     best = np.full(len(of_row), -1)
     for of_map, of_file in readings:
         index = {of_map(name): i for i, name in reversed(list(enumerate(names)))}

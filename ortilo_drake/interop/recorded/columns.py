@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.interop.recorded.range_sources import RangeSource
-from ortilo_drake.interop.recorded.rejected import Rejections, began_anew, kept_in_order, named
+from ortilo_drake.interop.recorded.rejected import Rejections, began_anew, kept_in_order
 from ortilo_drake.interop.recorded.ros2_folder import natural
 from ortilo_drake.interop.recorded.sources import MOST, Column, OfOne, Source
 from ortilo_drake.interop.recorded.tables import Table
@@ -109,7 +109,7 @@ def _read_file(
     from ortilo_drake.interop.recorded.flight_logs import is_flight_log, read_flight_log
     from ortilo_drake.interop.recorded.lec_console import read_lec
 
-    rejected = Rejections(named(path, what if topic is None else f"{what}, {topic}"))
+    rejected = Rejections(f"{path.name} ({what if topic is None else f'{what}, {topic}'})")
     table: Table
     if isinstance(source, RangeSource) and source.format == "lec":
         table = read_lec(path, rejected)

@@ -1,9 +1,10 @@
 """Tables of text: with or without header, with any delimiter, comments, empty lines and broken rows."""
 
 import csv
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from io import TextIOWrapper
 from itertools import chain, takewhile
 from pathlib import Path
@@ -18,7 +19,6 @@ from ortilo_drake.interop.recorded.tables import Rows, Table, number
 from ortilo_drake.model.input_files import DATA_LIMIT, MIB, open_file
 from ortilo_drake.model.typed_yaml import InputError, nearest
 
-BLOCK: Final = MIB
 LINE: Final = MIB  # longest line [characters]; a row of 10,000 columns takes a quarter of it
 HEAD: Final = 10_000  # largest number of lines above the rows
 DELIMITERS = {"tab": "\t", "space": " "}
@@ -34,22 +34,19 @@ def _encoding(file: BinaryIO, path: Path, rejected: Rejections) -> str:
     file.seek(0)
     if begin[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) and begin.count(0) > max(3, len(begin) // 2 - 2):
         return "utf-16"  # the encoding of Excel's text files
-    decoder, line, nul, bad = getincrementaldecoder("utf-8")(), 1, False, False
-    while block := file.read(BLOCK):
-        nul |= b"\0" in block
-        if not bad:
-            held = decoder.getstate()[0]
-            try:
-                decoder.decode(block)
-                line += block.count(b"\n")
-            except UnicodeDecodeError as error:
-                bad, line = True, line + block[: max(0, error.start - len(held))].count(b"\n")
+    nul, bad = False, 0  # number of the first line that is not UTF-8
+    for k, line in enumerate(iter(partial(file.readline, 4 * LINE), b""), 1):  # a character takes 4 bytes at most
+        nul |= b"\0" in line
+        try:
+            line.decode()
+        except UnicodeDecodeError:
+            bad = bad or k
     file.seek(0)
-    if not bad and not decoder.getstate()[0]:
+    if not bad:
         return "utf-8-sig"
     if nul:
         raise InputError(f"{path}: cannot be read: not UTF-8 text")
-    rejected.notes.append(f"not UTF-8, first in line {line}; read as Latin-1")
+    rejected.notes.append(f"not UTF-8, first in line {bad}; read as Latin-1")
     return "latin-1"
 
 
@@ -91,7 +88,7 @@ def _head_of(lines: Iterator[Line], path: Path) -> list[Line]:
     for line in lines:
         found.append(line)
         rows += not is_comment(line)
-        if rows > LOOKED_AT:
+        if rows == LOOKED_AT:
             break
         if len(found) > HEAD:
             raise InputError(f"{path}: no {LOOKED_AT} rows in its first {HEAD:,} lines")

@@ -5,8 +5,13 @@ from pathlib import Path
 
 import yaml
 
-from ortilo_drake.interop.recorded.map_file import Map, map_text
+from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.model.input_files import exists, read_text
+
+
+def map_text(map_: Map) -> str:
+    """Return a map as YAML, without default values."""
+    return yaml.safe_dump(map_.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
 
 
 def tuned_map_text(file: Path, map_: Map, numbers: Mapping[str, float], out: Path) -> str:

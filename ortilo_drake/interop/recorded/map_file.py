@@ -6,7 +6,6 @@ File names are relative to the folder given to the command, so one map serves ev
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import yaml
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ortilo_drake.interop.recorded.anchors import Vector, as_anchors, names_in_map, read_anchors
@@ -290,11 +289,6 @@ def load_map(path: Path) -> Map:
     if isinstance(map_.anchors, str) and exists(path.parent / map_.anchors):
         return map_.model_copy(update={"anchors": read_anchors(path.parent / map_.anchors)})
     return map_
-
-
-def map_text(map_: Map) -> str:
-    """Return a map as YAML, without default values."""
-    return yaml.safe_dump(map_.model_dump(mode="json", exclude_defaults=True), sort_keys=False, allow_unicode=True)
 
 
 def unit_key(map_: Map, by: float, key: str = "imu") -> str:

@@ -1,8 +1,7 @@
 """Rows that cannot be used because of their stamps or, in a truth, their positions; all are counted and reported."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,9 +37,8 @@ class Rejections:
             self.add(reason, f"in {self.word} {rows[first]}{called}", int(which.sum()))
 
     def lines(self) -> list[str]:
-        """Return a line for each reason and note."""
-        found = [f"{self.source}: {n} {reason}{self._place(reason)}" for reason, n in self.counts.items()]
-        return found + [f"{self.source}: {note}" for note in self.notes]
+        """Return a line for each reason."""
+        return [f"{self.source}: {n} {reason}{self._place(reason)}" for reason, n in self.counts.items()]
 
     def most(self) -> str:
         """Return the line of the most frequent reason; empty if nothing was rejected."""
@@ -57,10 +55,10 @@ def lines_of_all(parts: Sequence[Rejections]) -> list[str]:
     for part in parts:
         for note in part.notes:
             sharing.setdefault(note, []).append(part.source)
-    found = [line for part in parts for line in replace(part, notes=[]).lines()]
-    for note, (first, *others) in sharing.items():
-        found.append(f"{first}{f' and {len(others)} more' if others else ''}: {note}")
-    return found
+    found = [line for part in parts for line in part.lines()]
+    return found + [
+        f"{one}{f' and {len(others)} more' if others else ''}: {note}" for note, (one, *others) in sharing.items()
+    ]
 
 
 def kept_in_order(
@@ -159,11 +157,6 @@ def _far_away(stamps: np.ndarray) -> np.ndarray:
     if sizes.max() < TOGETHER * len(stamps):
         return np.zeros(len(stamps), dtype=bool)
     return np.asarray(group != np.argmax(sizes))
-
-
-def named(path: Path, what: str) -> str:
-    """Return the name of a file's stream for a line of the report."""
-    return f"{path.name} ({what})"
 
 
 def frozen_rows(t: np.ndarray, p: np.ndarray, longest: float) -> np.ndarray:

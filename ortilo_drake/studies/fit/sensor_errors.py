@@ -17,7 +17,7 @@ from ortilo_drake.interop.recorded.recording import GRAVITY, Recording, Truth
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.setups import airborne
-from ortilo_drake.studies.recorded.truth_path import antennas, covered_ranges, modelled, truth_path
+from ortilo_drake.studies.recorded.truth_path import antennas, covered_ranges, interpolated, modelled, truth_path
 
 RATE, CUT = 200.0, 8.0  # rate of the even stamps, and cut-off of the filter [Hz]
 TURNS = 1e-3  # body rates are differences over this time to either side [s]
@@ -74,7 +74,7 @@ def body_path(name: str, truth: Truth, by: Calibration) -> BodyPath:
     q = (Rotation.from_matrix(by.F) * Rotation.from_matrix(truth.R)).as_quat()
     turned = np.sum(q[1:] * q[:-1], axis=1) < 0.0
     q[1:] *= np.where(np.cumsum(turned) % 2 == 1, -1.0, 1.0)[:, None]
-    even = np.column_stack([np.interp(t, truth.t, axis) for axis in np.hstack([by.position(truth.p), q]).T])
+    even = interpolated(t, truth.t, np.hstack([by.position(truth.p), q]))
     smooth = sosfiltfilt(butter(2, CUT, fs=RATE, output="sos"), even, axis=0)
     t = t - by.offset
     return BodyPath(CubicSpline(t, smooth[:, :3]), CubicSpline(t, smooth[:, 3:]), float(t[0]), float(t[-1]))

@@ -19,6 +19,7 @@ import numpy as np
 
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.interop.recorded.map_file import FilterSettings
+from ortilo_drake.onboard.estimator.kalman import correct, innovation
 from ortilo_drake.studies.recorded.filter_types import RANGE, Events, Noise
 from ortilo_drake.studies.recorded.moved_anchors import point_text
 
@@ -120,7 +121,9 @@ def follow_ranges(bank: AnchorBank, events: Events, acceleration: float, sd: flo
     """
     m, n = bank.anchors.shape[:2]
     N, at = 9 + n, 6 + n
-    H, CH = np.empty(N), np.empty(N)
+    y, V, error, S, GT = np.empty(1), np.empty(1), np.zeros(N), np.empty((1, 1)), np.empty((1, N + 1))
+    where, H = np.zeros((1, 8), np.int64), np.zeros((1, 8))  # a row's entries: of p, one or two biases, the shift
+    where[0, :3], where[0, 5:] = np.arange(3), np.arange(at, N)
     for k in range(len(events.t)):
         if events.kind[k] != RANGE:
             continue
@@ -145,42 +148,33 @@ def follow_ranges(bank: AnchorBank, events: Events, acceleration: float, sd: flo
                     C[a, 3 + a] += q * h / 2.0
                     C[3 + a, a] += q * h / 2.0
                     C[3 + a, 3 + a] += q
-            H[:], e, variance = 0.0, events.r[k], 0.0
-            for sign, i in ((1.0, events.which[k]), (-1.0, other)):
+            H[:], y[0], V[0], error[:] = 0.0, events.r[k], 0.0, 0.0
+            for entry, sign, i in ((3, 1.0, events.which[k]), (4, -1.0, other)):
                 if i < 0:
                     continue
                 d = x[:3] - bank.anchors[j, i]
                 if i == bank.free[j]:
                     d -= x[at:]
                 r = max(np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), 1e-3)
-                e -= sign * (r + x[6 + i])
-                variance += (bank.louder[j] * sd) ** 2
-                H[6 + i] = sign
+                y[0] -= sign * (r + x[6 + i])
+                V[0] += (bank.louder[j] * sd) ** 2
+                where[0, entry], H[0, entry] = 6 + i, sign
                 for a in range(3):
-                    H[a] += sign * d[a] / r
+                    H[0, a] += sign * d[a] / r
                     if i == bank.free[j]:
-                        H[at + a] = -sign * d[a] / r
-            used = N if bank.free[j] >= 0 else at
-            S = variance
-            for a in range(used):
-                CH[a] = 0.0
-                for b in range(used):
-                    CH[a] += C[a, b] * H[b]
-                S += H[a] * CH[a]
-            squared = e * e / S
+                        H[0, 5 + a] = -sign * d[a] / r
+            innovation(error, C, y, V, 1, 0, where, H, S, GT)
+            squared = y[0] ** 2 / S[0, 0]
             counted = min(squared, gate**2)
-            loss = 0.5 * (np.log(S) + counted)
+            loss = 0.5 * (np.log(S[0, 0]) + counted)
             bank.score[j] -= loss
             bank.squares[j] += counted
             bank.lately[j, 0] -= loss
             bank.lately[j, 1] += counted
             if squared > gate**2:
-                S += variance * (np.sqrt(squared) / gate - 1.0)
-            for a in range(used):
-                g = CH[a] / S
-                x[a] += g * e
-                for b in range(used):
-                    C[a, b] -= g * CH[b]
+                S[0, 0] += V[0] * (np.sqrt(squared) / gate - 1.0)
+            correct(error, C, 1, S, GT)
+            x += error
 
 
 class AnchorWatch:

@@ -23,7 +23,7 @@ from ortilo_drake.flight.store import keep, reason_of, unsealed
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.model.input_files import MIB, arrays_of, exists, read_bytes
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.live.imu_record import LOST
+from ortilo_drake.studies.live.sensor_records import LOST
 from ortilo_drake.studies.recorded.filter_types import State
 from ortilo_drake.studies.recorded.imu_watch import RESTS
 

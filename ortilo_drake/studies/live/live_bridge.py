@@ -13,13 +13,12 @@ import numpy as np
 from ortilo_drake.interop.recorded.live_rows import AGAIN as HEARD_AGAIN
 from ortilo_drake.interop.recorded.live_rows import LAG, LiveRows
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.studies.live.anchor_record import AnchorFigures
 from ortilo_drake.studies.live.kept_state import Kept, why_not
 from ortilo_drake.studies.live.live_filter import RATE, LiveFilter
 from ortilo_drake.studies.live.live_warnings import LiveWarnings, Say
+from ortilo_drake.studies.live.sensor_records import AnchorFigures
 from ortilo_drake.studies.live.setpoints import Holding, Setpoint
-from ortilo_drake.studies.live.stamped_estimate import StampedEstimate, estimate_at
-from ortilo_drake.studies.live.uncertainty import AGAIN, ALL, Limits
+from ortilo_drake.studies.live.stamped_estimate import AGAIN, ALL, Limits, StampedEstimate, estimate_at
 from ortilo_drake.studies.live.warm_up import warm_up
 from ortilo_drake.studies.recorded.moved_anchors import names_of
 

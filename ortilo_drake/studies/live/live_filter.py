@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.blocks import Block, behind_gap, joined, parted
+from ortilo_drake.interop.recorded.live_rows import Block, behind_gap, joined, parted
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, held_at
@@ -27,18 +27,15 @@ from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
 from ortilo_drake.studies.live.agreement import Agreement
 from ortilo_drake.studies.live.anchor_bank import AnchorWatch, stated_sd
-from ortilo_drake.studies.live.anchor_record import AnchorRecord
-from ortilo_drake.studies.live.contradictions import lasting_cause
-from ortilo_drake.studies.live.filter_start import checked_force, settings_of, setup_of
-from ortilo_drake.studies.live.imu_record import SILENT, ImuRecord
 from ortilo_drake.studies.live.rates_watch import RatesWatch
-from ortilo_drake.studies.live.start_check import check_start
+from ortilo_drake.studies.live.sensor_records import SILENT, AnchorRecord, ImuRecord
+from ortilo_drake.studies.live.start_check import check_start, checked_force, settings_of
 from ortilo_drake.studies.recorded.anchor_trust import ASTRAY
 from ortilo_drake.studies.recorded.at_rest import AT_REST, at_rest
 from ortilo_drake.studies.recorded.doubts import of_plane
 from ortilo_drake.studies.recorded.event_filter import Carried, initial_carried, run_filter
-from ortilo_drake.studies.recorded.filter_types import RANGE, Events, EventValues, Restart, State
-from ortilo_drake.studies.recorded.filtered import TRIAL, FilterSetup, begin_of, events_of, start_of
+from ortilo_drake.studies.recorded.filter_types import RANGE, Events, EventValues, FilterSetup, Restart, State, setup_of
+from ortilo_drake.studies.recorded.filtered import TRIAL, begin_of, events_of, start_of
 from ortilo_drake.studies.recorded.heading_doubts import HeadingWatch, ranging_of
 from ortilo_drake.studies.recorded.imu_watch import RESTS
 from ortilo_drake.studies.recorded.reacquired import AGAIN, LONGEST, fix_known_at, is_astray, no_restart, restart_from
@@ -76,7 +73,10 @@ class LiveFilter:
         rates: whether the body rates fit the ranges; None without an imu.
         heading: whether the heading fits ranges and accelerations; None without an imu, and before the filter begins.
         start_doubt: how the first ranges contradict the map's `start`; empty if they do not.
+        state: the state of a filter that has begun.
     """
+
+    state: State
 
     def __init__(self, map_: Map, anchors: np.ndarray, rate: float = RATE):
         if map_.start is not None and map_.start.lands:
@@ -85,7 +85,7 @@ class LiveFilter:
             if getattr(map_, key) is not None:
                 raise InputError(f"{key}: are not heard live yet: leave them out of a live map")
         self._map, self._anchors, self._period = map_, anchors, 1.0 / rate
-        self._setup = setup_of(settings_of(map_, anchors), map_)
+        self._setup = setup_of(settings_of(map_, anchors), map_.filter, map_.imu is not None)
         self._kept: Block | None = None  # rows that the filter has not taken in
         self._known: FilterSetup | None = None
         self._next = 0  # number of the next estimate
@@ -107,11 +107,6 @@ class LiveFilter:
         return self._next * self._period
 
     @property
-    def state(self) -> State:
-        """The state of a filter that has begun."""
-        return self._state
-
-    @property
     def begun(self) -> bool:
         """Whether the filter has started."""
         return self._known is not None
@@ -121,14 +116,21 @@ class LiveFilter:
 
         If there was a reason `before`, the ranges must agree better, so that the reason does not come and go.
         """
-        if self.imu is not None and self.imu.is_silent(self._state.t):
+        if self.imu is not None and self.imu.is_silent(self.state.t):
             return f"the imu has been silent for {SILENT:g} s"
         return self.wrong or ("the ranges contradict it" if self.agreement.is_unfit(before, self.gate) else "")
 
     @property
     def wrong(self) -> str:
-        """The lasting error that was found in the map, in words; empty if there is none."""
-        return lasting_cause(self.rates, self.heading, self.places)
+        """The lasting error of the map that makes estimates unfit for flight, in words; empty if none was found."""
+        heading, places = self.heading, self.places
+        causes = {
+            "the body rates are not those that the map says": self.rates is not None and self.rates.doubt,
+            "the heading is wrong": heading is not None and heading.doubt,
+            "the anchors are a mirror image": heading is not None and heading.mirror,
+            "two anchors are exchanged": places.wrong is not None and places.wrong.place is None,
+        }
+        return next((cause for cause, found in causes.items() if found), "")
 
     @property
     def gate(self) -> float:
@@ -153,7 +155,7 @@ class LiveFilter:
             return []
         found: list[LiveEstimate] = []
         while (t := self._next * self._period) < horizon and self._reach(t, horizon, ended):
-            found.append(LiveEstimate(t, self._state))
+            found.append(LiveEstimate(t, self.state))
             self._next += 1
         return found
 
@@ -199,9 +201,9 @@ class LiveFilter:
         queries = np.arange(first, int(horizon / self._period) + 2) * self._period
         queries = queries[queries < horizon]
         try:
-            events = events_of(ranges, imu, known, (), queries, begin)
+            events = events_of(ranges, imu, known, queries, begin)
             found = begin_of(ranges, imu, known, map_.filter, self._setup, *events)
-            self._state = start_of(ranges, imu, known, map_.filter, found, known.heading is not None)
+            self.state = start_of(ranges, imu, known, map_.filter, found, known.heading is not None)
         except InputError as error:
             self.why_not_begun = str(error)
             late = self._kept.ranges
@@ -210,7 +212,7 @@ class LiveFilter:
         self._set_out(known, begin, first)
         self.start_doubt = check_start(ranges, self._antenna(), self._anchors, map_) if known.start is not None else ""
         if map_.height is None:
-            self.mirror = next(iter(of_plane(self._anchors, self._state.x[None, :3], None, map_.planar)), "")
+            self.mirror = next(iter(of_plane(self._anchors, self.state.x[None, :3], None, map_.planar)), "")
         return True
 
     def _set_out(self, known: FilterSetup, begin: float, first: int) -> None:
@@ -218,20 +220,20 @@ class LiveFilter:
         self._known = known._replace(looks=NO_AID_ROWS)
         self.heading = None if self.imu is None else HeadingWatch(self._setup)
         self._begin_at, self._next, self.begins_at = begin, first, begin
-        self._carried: Carried = initial_carried(len(self._anchors), len(self._state.C), self._state.t)
-        self._anew: Restart = no_restart(len(self._state.C))
+        self._carried: Carried = initial_carried(len(self._anchors), len(self.state.C), self.state.t)
+        self._anew: Restart = no_restart(len(self.state.C))
         self._wait = -np.inf
 
     def resume(self, state: State) -> None:
         """Go on from another process's state, as after a silence of all sensors since its stamp."""
         state.C[:3, :3] += ASTRAY**2 * np.eye(3)  # so a second of ranges finds the position, not one that may be wrong
-        self._map, self._state = self._map.in_the_air(), state
+        self._map, self.state = self._map.in_the_air(), state
         self._set_out(settings_of(self._map, self._anchors), state.t, int(state.t / self._period) + 1)
         if self.imu is not None:
             self.imu.resume(state.t)
 
     def _antenna(self) -> np.ndarray:
-        place: np.ndarray = self._state.x[:3] + matrix_of(self._state.x[Q:ADDITIVE]) @ self._setup.levers[0]
+        place: np.ndarray = self.state.x[:3] + matrix_of(self.state.x[Q:ADDITIVE]) @ self._setup.levers[0]
         return place
 
     def _reach(self, t: float, horizon: float, ended: bool) -> bool:
@@ -244,23 +246,21 @@ class LiveFilter:
                     self._events = events, heard
                     return False
                 self._start_anew(window)
-            run, self._state, done = run_filter(
-                events, heard, self._state, self._carried, self._anew, self._setup, self._wait, False
+            run, self.state, done = run_filter(
+                events, heard, self.state, self._carried, self._anew, self._setup, self._wait, False
             )
             self.ranges, self.taken = self.ranges + len(run.taken), self.taken + int(run.taken.sum())
             past = Events(*(part[:done] for part in events))
             of = past.kind == RANGE
             self.agreement.add(past.t[of], past.which[of], run)
-            self.anchors.add(past.which[of], run, self._state)
-            if self._state.watched[RESTS] == 0.0:
-                sd = float(np.sqrt(np.trace(self._state.C[:3, :3])))
-                self.places.advance(past, self._antenna(), self._state.t, sd)
+            self.anchors.add(past.which[of], run, self.state)
+            if self.state.watched[RESTS] == 0.0:
+                sd = float(np.sqrt(np.trace(self.state.C[:3, :3])))
+                self.places.advance(past, self._antenna(), self.state.t, sd)
             if self.heading is not None:
-                self.heading.advance(past, heard, self._state, self.places.suspected)
+                self.heading.advance(past, heard, self.state, self.places.suspected)
             if self.rates is not None:
-                self.rates.advance(
-                    past, heard, self._state, ranging_of(self._setup, self._state), self.places.suspected
-                )
+                self.rates.advance(past, heard, self.state, ranging_of(self._setup, self.state), self.places.suspected)
             if done == len(events.t):
                 self._events = None
                 return True
@@ -274,7 +274,7 @@ class LiveFilter:
         if self.imu is not None and now.imu is not None:
             self.imu.add(now.imu)
         begin, self._begin_at = self._begin_at, -np.inf
-        return events_of(now.ranges, now.imu, self._known._replace(looks=now.looks), (), np.array([t]), begin)
+        return events_of(now.ranges, now.imu, self._known._replace(looks=now.looks), np.array([t]), begin)
 
     def _ranges_from(self, events: Events) -> Ranges:
         """Return the ranges among events, and the ranges kept for later."""
@@ -285,9 +285,9 @@ class LiveFilter:
         return both
 
     def _start_anew(self, window: Ranges) -> None:
-        found = restart_from(window, self._setup, self._state, is_astray(self._state))
+        found = restart_from(window, self._setup, self.state, is_astray(self.state))
         self.lost += found is not None
-        self._anew = found or no_restart(len(self._state.C))
+        self._anew = found or no_restart(len(self.state.C))
         self._wait = float(window.t[0]) + AGAIN
-        self._carried = initial_carried(len(self._anchors), len(self._state.C), self._state.t)
+        self._carried = initial_carried(len(self._anchors), len(self.state.C), self.state.t)
         self._waits = False

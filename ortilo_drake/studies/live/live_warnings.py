@@ -6,8 +6,7 @@ from typing import Final
 import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.studies.live.anchor_bank import wrong_anchors_text
-from ortilo_drake.studies.live.contradictions import lasting_cause
+from ortilo_drake.studies.live.anchor_bank import AnchorWatch, wrong_anchors_text
 from ortilo_drake.studies.live.live_filter import LiveFilter
 from ortilo_drake.studies.recorded.moved_anchors import names_of
 
@@ -28,28 +27,22 @@ class LiveWarnings:
 
     def __init__(self, map_: Map, say: Say, note: Say | None = None):
         self._map, self._say, self._note = map_, say, note or say
-        self._begun = self._disagrees = self._turned = self._wrong = self._unit = self._rates = False
-        self._noisy = self._mirrored = self._puzzled = False
+        self._said, self._disagrees = set[str](), False
         self._lost, self._told, self._fit_at = 0, -np.inf, np.inf
 
     def look_at(self, filter_: LiveFilter) -> None:
         """Say what has changed since the last call."""
-        if filter_.begun and not self._begun:
-            self._begun = True
+        rates, watch, places = filter_.rates, filter_.heading, filter_.places
+        if filter_.begun and "begun" not in self._said:
+            self._said.add("begun")
             self._note(f"the filter has begun, by the ranges from {filter_.begins_at:.1f} s after the first on")
             for doubt in filter(None, (filter_.start_doubt, filter_.mirror)):
                 self._say(f"warning  {doubt}")
-        if filter_.force_doubt and not self._unit:
-            self._unit = True
-            self._say(f"warning  {filter_.force_doubt}")
-        rates, watch = filter_.rates, filter_.heading
-        if rates is not None and rates.doubt and not (self._rates or self._mirrored):
-            self._rates = True
-            self._say(f"warning  {rates.doubt}")
+        self._warn("force", filter_.force_doubt)
+        self._warn("rates", "" if rates is None else rates.doubt, but_not_after="mirror")
         self._say_lost(filter_.lost, filter_.due)
-        self._say_noise(filter_)
-        doubt = filter_.agreement.doubt(filter_.gate, filter_.places.widened)
-        known = bool(lasting_cause(rates, watch, filter_.places))
+        self._warn("noise", self._noise(places))
+        doubt, known = filter_.agreement.doubt(filter_.gate, places.widened), bool(filter_.wrong)
         if bool(doubt) != self._disagrees and not known:
             self._disagrees = bool(doubt)
             if doubt:
@@ -58,34 +51,33 @@ class LiveWarnings:
                 self._note("ranges: agree with the estimate again")
         if not filter_.agreement.is_unfit(False, filter_.gate):
             self._fit_at = filter_.due
-        known |= filter_.places.suspected or filter_.places.scatter is not None
-        if filter_.due - self._fit_at > LASTS and filter_.places.judges and not (known or self._puzzled):
-            self._puzzled = True
-            self._say(f"warning  ranges: {PUZZLED}")
-        heading, mirror = (None, None) if watch is None else (watch.doubt, watch.mirror)
-        if heading is not None and not (self._turned or self._rates):
-            self._turned = True
-            self._say(f"warning  heading: {heading.text()}")
-        if mirror is not None and not (self._mirrored or (rates is not None and rates.mirrors)):
-            self._mirrored = True
-            self._say(f"warning  {mirror.text()}")
-        wrong = filter_.places.wrong
-        if wrong is not None and not self._wrong:
-            self._wrong = True
-            self._say(f"warning  {wrong_anchors_text(wrong, names_of(self._map, len(filter_.anchors.figures())))}")
+        known |= places.suspected or places.scatter is not None
+        if filter_.due - self._fit_at > LASTS and places.judges and not known:
+            self._warn("puzzled", f"ranges: {PUZZLED}")
+        if watch is not None and watch.doubt is not None:
+            self._warn("heading", f"heading: {watch.doubt.text()}", but_not_after="rates")
+        if watch is not None and watch.mirror is not None and not (rates is not None and rates.mirrors):
+            self._warn("mirror", watch.mirror.text())
+        if places.wrong is not None:
+            names = names_of(self._map, len(filter_.anchors.figures()))
+            self._warn("anchors", wrong_anchors_text(places.wrong, names))
 
-    def _say_noise(self, filter_: LiveFilter) -> None:
-        """Say once that ranges scatter more than the map says, and which key of the map mends this."""
-        places = filter_.places
-        if places.scatter is None or self._noisy:
-            return
-        self._noisy = True
+    def _warn(self, kind: str, said: str, but_not_after: str = "") -> None:
+        """Say a warning if there is one, unless one of its kind, or of the kind `but_not_after`, was said before."""
+        if said and not self._said & {kind, but_not_after}:
+            self._said.add(kind)
+            self._say(f"warning  {said}")
+
+    def _noise(self, places: AnchorWatch) -> str:
+        """Return that ranges scatter more than the map says, and which key of the map mends this; else ""."""
+        if places.scatter is None:
+            return ""
         sd = f"{np.ceil(100.0 * places.scatter) / 100.0:.2f}"
         key = f"range_white: {sd}, range_correlated: {sd}"  # both: in real rooms such errors last
         if self._map.imu is None:
             key = f"baseline_range: {places.scatter:.2f}"
         told = f"a range scatters by {places.scatter:.2f} m, the map says {places.stated:.2f} m"
-        self._say(f"warning  noise: {told}: `filter: {{{key}}}` would fit; until then estimates go out less sure")
+        return f"noise: {told}: `filter: {{{key}}}` would fit; until then estimates go out less sure"
 
     def _cause(self, filter_: LiveFilter) -> str:
         alone = filter_.agreement.alone()

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ortilo_drake.model.input_error import InputError
+from ortilo_drake.onboard.estimator.tight.attitude_rows import wrapped
 from ortilo_drake.onboard.servo.outer_loop import attitude_along, wanted_force
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
-from ortilo_drake.studies.live.uncertainty import Limits
+from ortilo_drake.studies.live.stamped_estimate import Limits, StampedEstimate
 
 # Largest standard deviations to fly by: with a wrong heading the thrust leans the wrong way and drives the vehicle off.
 FLOWN_BY = Limits(deviation=0.5, yaw=0.2)
@@ -97,5 +97,5 @@ class Holding:
         """
         self._yaw = yaw if self._yaw is None else self._yaw
         begin = yaw if self._asked is None else self._asked
-        left = (self._yaw - begin + np.pi) % (2.0 * np.pi) - np.pi
+        left = wrapped(self._yaw - begin)
         return float(begin + np.clip(left, -TURN * passed, TURN * passed))

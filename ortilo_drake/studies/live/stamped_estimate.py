@@ -1,6 +1,10 @@
-"""A live filter's estimate in the form of the rest of the package: the paper's state and its covariance."""
+"""A live filter's estimate as the paper's state and covariance, and the uncertainty beyond which it is not sent.
 
-from typing import NamedTuple
+MAVLink's ODOMETRY has a `quality` for this, but EKF2 ignores it unless EKF2_EV_QMIN is set. Every autopilot handles a
+missing estimate: it goes on by its own sensors, and then does what it is set to do.
+"""
+
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -10,6 +14,8 @@ from ortilo_drake.onboard.estimator.tight.inertial import angles_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, P, Q, V
 from ortilo_drake.studies.recorded.filter_types import State
 
+MOST_YAW: Final = 0.5  # largest standard deviation of a heading that is sent [rad]
+AGAIN: Final = 0.8  # estimates are sent again below this share of a limit, so that noise does not switch them
 NOT_ESTIMATED = np.pi**2, 100.0  # variances of the angles and of their rates without an imu [rad²], [rad²/s²]
 
 
@@ -29,6 +35,24 @@ class StampedEstimate(NamedTuple):
     def yaw_deviation(self) -> float:
         """The standard deviation of the yaw [rad]."""
         return float(np.sqrt(self.covariance[5, 5]))
+
+
+class Limits(NamedTuple):
+    """The largest standard deviations: of the position, the three axes together [m], and of the heading [rad]."""
+
+    deviation: float
+    yaw: float
+
+    def why_not(self, stamped: StampedEstimate, share: float = 1.0) -> str:
+        """Return which limit times `share` an estimate exceeds, in words; empty if none. NaN exceeds all limits."""
+        if not stamped.deviation <= share * self.deviation:
+            return f"its standard deviation is above {self.deviation:g} m"
+        if not stamped.yaw_deviation <= share * self.yaw:
+            return f"the standard deviation of its heading is above {self.yaw:g} rad"
+        return ""
+
+
+ALL: Final = Limits(np.inf, np.inf)  # lets every estimate through that is not NaN
 
 
 def estimate_at(t: float, state: State, imu: bool) -> StampedEstimate:

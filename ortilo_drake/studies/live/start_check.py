@@ -1,4 +1,4 @@
-"""Whether the first ranges contradict the map's start.
+"""The live filter's settings, and the check of the first samples of the imu, and of the first ranges, against the map.
 
 The medians of each anchor's first ranges, r_i, give a least-squares place of the antenna, which is compared with the
 start's. The errors of this place are the anchors' biases and the ranges' own errors, by the map. The start is doubted
@@ -13,15 +13,38 @@ import scipy  # not scipy.stats: that takes a second to import, and loads by its
 from scipy.optimize import least_squares
 
 from ortilo_drake.interop.recorded.map_file import Map
-from ortilo_drake.interop.recorded.range_rows import Ranges
+from ortilo_drake.interop.recorded.range_rows import NO_RANGES, Ranges
+from ortilo_drake.interop.recorded.recording import Imu, Recording
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.studies.live.rates_watch import rest_doubts
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.imu_doubts import force_doubts, is_gravity
+from ortilo_drake.studies.recorded.level_doubts import lean_warning, level_doubts
 from ortilo_drake.studies.recorded.reacquired import FIRST_RANGES
 from ortilo_drake.studies.recorded.readings import UNITS
+from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 from ortilo_drake.studies.recorded.truth_path import modelled
 
 FAR: Final = 0.3  # the first ranges may differ by so much from the ranges at the map's start [m]
 RARE: Final = 5e-3  # share of right starts that are doubted
 KNOWN: Final = 0.5  # a place by the ranges with a larger standard deviation is not told [m]
+
+
+def settings_of(map_: Map, anchors: np.ndarray) -> FilterSetup:
+    """Return the filter's settings by a map with anchors (n, 3), before any message has come."""
+    return uncalibrated_setup(Recording("live", NO_RANGES, None, None, anchors, 0.0, 0.0, [], {}), map_, None)
+
+
+def checked_force(imu: Imu, map_: Map) -> str:
+    """Return a doubt about the force at the start, by a map; empty if there is none.
+
+    InputError if the body begins upside down or turns at rest, or if the force is not even a flying vehicle's.
+    """
+    doubt = next(iter(force_doubts(imu, map_)), "")
+    wrong = [doubt] if doubt and not is_gravity(imu) else []
+    for said in wrong + level_doubts(imu, map_) + rest_doubts(imu, map_):
+        raise InputError(said)
+    return doubt or lean_warning(imu, map_)
 
 
 def check_start(ranges: Ranges, antenna: np.ndarray, anchors: np.ndarray, map_: Map) -> str:

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from ortilo_drake.interop.recorded.blocks import Block
+from ortilo_drake.interop.recorded.live_rows import Block
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, Imu

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import Imu, Truth
+from ortilo_drake.studies.recorded.truth_path import interpolated
 
 COARSE, FINE, NEAR = 0.02, 0.001, 1.0  # two steps of the search, and its reach around a roughly known offset [s]
 SPANS = (0.05, 1.0)  # the shortest and about the longest interval [s]
@@ -76,9 +77,6 @@ def best_by_rates(
     swept = np.zeros((len(imu.t), 3))
     swept[1:] = np.cumsum((imu.rates[1:] + imu.rates[:-1]) / 2.0 * np.diff(imu.t)[:, None], axis=0)
 
-    def at(t: np.ndarray) -> np.ndarray:
-        return np.column_stack([np.interp(t, imu.t, axis) for axis in swept.T])
-
     def fit(offset: float) -> ByRates:
         begin, end = part(offset)
         usable = whole & (begins >= begin) & (ends <= end)
@@ -86,7 +84,8 @@ def best_by_rates(
         both = (first - offset >= imu.t[0]) & (last - offset <= imu.t[-1])
         if both.sum() < max(20, 0.3 * len(both)):
             return ByRates(offset, np.eye(3), np.inf, 1.0, np.inf)
-        seen, swept_then = turns[both], at(last[both] - offset) - at(first[both] - offset)
+        seen = turns[both]
+        swept_then = np.subtract(*(interpolated(t[both] - offset, imu.t, swept) for t in (last, first)))
         seen, swept_then = seen - seen.mean(axis=0), swept_then - swept_then.mean(axis=0)  # without a gyro's bias
         U, _, Vt = np.linalg.svd(seen.T @ swept_then)
         M = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt

@@ -19,7 +19,6 @@ imu_watch.py handles a vehicle at rest, its take-off, and an accelerometer that 
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.onboard.estimator.tight.layout import THETA
@@ -45,7 +44,6 @@ from ortilo_drake.studies.recorded.filter_types import (
     QUERY,
     RANGE,
     RATES,
-    Aids,
     Events,
     EventValues,
     Restart,
@@ -103,25 +101,6 @@ def initial_carried(anchors: int, N: int, t: float) -> Carried:
     return Carried(new_trust(anchors), empty_passing(N), none_taken(ROOM, N), row, marks, np.zeros((anchors, 2)))
 
 
-@register_jitable
-def _take_force(
-    f: np.ndarray,
-    x: np.ndarray,
-    C: np.ndarray,
-    waiting: Taken,
-    watched: np.ndarray,
-    t: float,
-    h: float,
-    aids: Aids,
-) -> None:
-    """Watch a sample f of the specific force (3), h [s] after the last one; replace its doubted axes in place."""
-    if watched[RESTS] > 0.0:
-        watch_rest(x, C, watched, f[2], h)
-    elif aids.drag >= 0.0:
-        settle(C, waiting)
-        doubt_force(f, x, C, watched, t, h, aids)
-
-
 @cached_njit
 def run_filter(
     events: Events,
@@ -166,7 +145,11 @@ def run_filter(
             continue
         if kind == FORCE:
             f = heard_all.force[events.which[k]].copy()
-            _take_force(f, x, C, waiting, watched, t, t - force_at, aids)
+            if watched[RESTS] > 0.0:
+                watch_rest(x, C, watched, f[2], t - force_at)
+            elif aids.drag >= 0.0:
+                settle(C, waiting)
+                doubt_force(f, x, C, watched, t, t - force_at, aids)  # which replaces the doubted axes of f
             held[3:], force_at = f, t
             if watched[RESTS] > 0.0 or max(watched[HELD], watched[HELD + 1]) < AVERAGED:
                 continue

@@ -46,14 +46,9 @@ MAY = 2.0  # standard deviations by which the true height may exceed the estimat
 
 
 @register_jitable
-def wipe(row: SparseRow) -> None:
-    """Make a row blank."""
-    row.where[:], row.of[:] = 0, 0.0
-
-
-@register_jitable
 def state_row(at: int, row: SparseRow) -> None:
-    """Write the row that measures the error state of index `at`."""
+    """Write the row that measures the error state of index `at`, and nothing else."""
+    row.where[:], row.of[:] = 0, 0.0
     row.where[0], row.of[0] = at, 1.0
 
 
@@ -128,20 +123,14 @@ class Now(NamedTuple):
 
 
 @register_jitable
-def widen(C: np.ndarray, PHt: np.ndarray, S: float) -> None:
-    """Add PHt PHt' / S to the covariance."""
-    for i in range(len(PHt)):
-        for j in range(len(PHt)):
-            C[i, j] += PHt[i] * PHt[j] / S
-
-
-@register_jitable
 def take(now: Now, row: SparseRow, e: float, S: float) -> None:
     """Correct the filter by a row of innovation e and variance S, and write it to the tape; S < 0 widens C."""
     write_row(now.tape, now.written, row, e, S)
     if S < 0.0:
         settle(now.C, now.waiting)
-        widen(now.C, row.PHt, -S)
+        for i in range(len(row.PHt)):
+            for j in range(len(row.PHt)):
+                now.C[i, j] += row.PHt[i] * row.PHt[j] / -S
         row.PHt[:] *= e / S
         inject(now.x, row.PHt, now.C.shape[0])
         return
@@ -160,7 +149,6 @@ def variance_of(now: Now, row: SparseRow, m: int) -> float:
 def take_start(now: Now, anew: Restart) -> None:
     """Take the position and velocity of a restart as measurements."""
     for i in range(6):
-        wipe(now.row)
         state_row(i, now.row)
         S = variance_of(now, now.row, 1) + anew.variances[i]
         take(now, now.row, anew.x[i] - now.x[i], S)
@@ -171,13 +159,11 @@ def take_level(now: Now, lever: np.ndarray, level: Level) -> None:
     """Take the known climb rate and height as measurements, if they are more certain than the filter."""
     x, row = now.x, now.row
     if level.climb < np.inf:
-        wipe(row)
         state_row(V + 2, row)
         S = variance_of(now, row, 1)
         if level.climb**2 < S:
             take(now, row, -x[V + 2], S + held_back(S, level.climb))
     if level.deviation < np.inf:
-        wipe(row)
         e = height_row(x, matrix_of(x[Q : Q + 4]), lever, level.height, row)
         S = variance_of(now, row, 4)
         if level.deviation**2 < S:
@@ -194,7 +180,7 @@ def own_row(
     height. Range finder and flow give no row near the floor or where the body is far from upright.
     """
     x, row, aids = now.x, now.row, setup.aids
-    wipe(row)
+    row.where[:], row.of[:] = 0, 0.0
     R, kind, seen = matrix_of(x[Q : Q + 4]), events.kind[k], events.r[k]
     if kind == RANGE:
         lever = setup.levers[1 + events.tag[k]]

@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ortilo_drake.interop.recorded.map_file import FilterSettings
+from ortilo_drake.interop.recorded.map_file import FilterSettings, Start
+from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, ONE_TAG, AidRows
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, N_INERTIAL
+from ortilo_drake.studies.recorded.at_rest import AtRest
 
 # Kinds of events; events of one stamp follow in this order.
 RATES, FORCE, LANDED, RANGE, FINDER, FLOW, BOXES, QUERY = range(8)
@@ -174,6 +176,49 @@ class Setup(NamedTuple):
     level: Level
     noise: Noise
     aids: Aids
+
+
+class FilterSetup(NamedTuple):
+    """The filter's settings for one motion.
+
+    Attributes:
+        anchors: positions (n, 3) [m].
+        biases: of the ranges by anchor (n) [m]; None estimates them online.
+        lever: from the body's point to the antenna, body axes (3) [m].
+        heading: at the start [rad], None if unknown.
+        level: the known height.
+        start: the vehicle's start, None if unknown.
+        looks: rows of range finder, flow and camera.
+        aids: parameters of these sensors and of drag.
+        scale_sd: standard deviation of the flow's scale.
+        k_sd: standard deviation of drag's k [1/s].
+        rest: the imu's means at rest, after which the filter begins.
+        tags: positions from the lever's end, body axes (m, 3) [m]; taken as 0 without an imu.
+    """
+
+    anchors: np.ndarray
+    biases: np.ndarray | None
+    lever: np.ndarray
+    heading: float | None
+    level: Level = UNKNOWN_LEVEL
+    start: Start | None = None
+    looks: AidRows = NO_AID_ROWS
+    aids: Aids = NO_AIDS
+    scale_sd: float = 0.0
+    k_sd: float = 0.0
+    rest: AtRest | None = None
+    tags: np.ndarray = ONE_TAG
+
+
+def setup_of(known: FilterSetup, settings: FilterSettings, imu: bool) -> Setup:
+    """Return the settings that hold throughout a run, with or without an imu.
+
+    Without an imu the attitude is not known, and all tags are taken to be at their origin.
+    """
+    noise, levers = noise_of(settings, imu), known.lever + np.vstack([np.zeros(3), known.tags * imu])
+    if known.biases is not None:  # calibrated biases are held; only the correlated error wanders
+        noise = noise._replace(bias_walk=0.0)
+    return Setup(known.anchors, levers, known.level, noise, known.aids if imu else NO_AIDS)
 
 
 class State(NamedTuple):

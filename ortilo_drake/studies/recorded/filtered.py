@@ -1,18 +1,17 @@
 """A recorded motion through the filter: the start, the events in order, and the estimate at the stamps asked for."""
 
-from collections.abc import Sequence
 from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.interop.recorded.map_file import FilterSettings, Start
-from ortilo_drake.interop.recorded.recording import GRAVITY, NO_AID_ROWS, ONE_TAG, AidRows, Imu, Ranges
+from ortilo_drake.interop.recorded.map_file import FilterSettings
+from ortilo_drake.interop.recorded.recording import GRAVITY, Imu, Ranges
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
-from ortilo_drake.studies.recorded.at_rest import BIAS, AtRest, correct_by_rest, first_tilt, tilt_deviation
+from ortilo_drake.studies.recorded.at_rest import BIAS, correct_by_rest, first_tilt, tilt_deviation
 from ortilo_drake.studies.recorded.filter_types import (
     BIASES,
     BOXES,
@@ -20,19 +19,16 @@ from ortilo_drake.studies.recorded.filter_types import (
     FLOW,
     FORCE,
     LANDED,
-    NO_AIDS,
     QUERY,
     RANGE,
     RATES,
-    UNKNOWN_LEVEL,
-    Aids,
     Events,
     EventValues,
-    Level,
+    FilterSetup,
     Setup,
     State,
-    noise_of,
     nominal,
+    setup_of,
     states,
 )
 from ortilo_drake.studies.recorded.imu_watch import watched_from
@@ -63,38 +59,6 @@ class Begin(NamedTuple):
     fix: Fix | None
 
 
-class FilterSetup(NamedTuple):
-    """The filter's settings for one motion.
-
-    Attributes:
-        anchors: positions (n, 3) [m].
-        biases: of the ranges by anchor (n) [m]; None estimates them online.
-        lever: from the body's point to the antenna, body axes (3) [m].
-        heading: at the start [rad], None if unknown.
-        level: the known height.
-        start: the vehicle's start, None if unknown.
-        looks: rows of range finder, flow and camera.
-        aids: parameters of these sensors and of drag.
-        scale_sd: standard deviation of the flow's scale.
-        k_sd: standard deviation of drag's k [1/s].
-        rest: the imu's means at rest, after which the filter begins.
-        tags: positions from the lever's end, body axes (m, 3) [m]; taken as 0 without an imu.
-    """
-
-    anchors: np.ndarray
-    biases: np.ndarray | None
-    lever: np.ndarray
-    heading: float | None
-    level: Level = UNKNOWN_LEVEL
-    start: Start | None = None
-    looks: AidRows = NO_AID_ROWS
-    aids: Aids = NO_AIDS
-    scale_sd: float = 0.0
-    k_sd: float = 0.0
-    rest: AtRest | None = None
-    tags: np.ndarray = ONE_TAG
-
-
 class Estimate(NamedTuple):
     """The filter's position p (m, 3), its covariance P (m, 3, 3) and attitude R (m, 3, 3) at the stamps t (m) [s].
 
@@ -116,7 +80,7 @@ class Estimate(NamedTuple):
 
 
 def events_of(
-    ranges: Ranges, imu: Imu | None, known: FilterSetup, landed: Sequence[Landing], queries: np.ndarray, begin: float
+    ranges: Ranges, imu: Imu | None, known: FilterSetup, queries: np.ndarray, begin: float
 ) -> tuple[Events, EventValues]:
     """Return the events from `begin` [s] on, in order; the imu's last sample before `begin` is stamped `begin`."""
     looks, start = known.looks, known.start
@@ -129,7 +93,7 @@ def events_of(
         _events(QUERY, queries),
     ]
     if start is not None:
-        parts.append(_events(LANDED, np.array([one.rests for one in landed]), r=start.position[2]))
+        parts.append(_events(LANDED, np.array([one.rests for one in _landings(imu, known)]), r=start.position[2]))
     if imu is not None:
         rates, (t_force, force) = imu.rates, imu.accelerometer or (imu.t, imu.force)
         for kind, stamps in ((RATES, imu.t), (FORCE, t_force)):
@@ -142,6 +106,10 @@ def events_of(
     events = Events(*(part[order] for part in (t, kinds, which, other, r, tag)))
     heard = (np.ascontiguousarray(part) for part in (rates, force, looks.flow, looks.boxes))  # compiled once for all
     return events, EventValues(*heard)
+
+
+def _landings(imu: Imu | None, known: FilterSetup) -> list[Landing]:
+    return landings(imu) if imu is not None and known.start is not None and known.start.lands else []
 
 
 def _events(kind: int, t: np.ndarray, *columns: np.ndarray, r: np.ndarray | float = 0.0) -> list[np.ndarray]:
@@ -200,14 +168,6 @@ def _fix_of(ranges: Ranges, known: FilterSetup, R: np.ndarray) -> Fix:
     window = ranges_for_a_fix(ranges)
     c = np.zeros(len(known.anchors)) if known.biases is None else known.biases
     return solve_first_fix(window, known.anchors, c, known.level, arms=known.tags[window.tag] @ R.T)
-
-
-def levers_of(known: FilterSetup, imu: Imu | None) -> np.ndarray:
-    """Return the positions of the tags' origin and of each tag, body axes (1 + m, 3) [m].
-
-    Without an imu the attitude is not known, and all tags are taken to be at their origin.
-    """
-    return known.lever + np.vstack([np.zeros(3), known.tags * (imu is not None)])
 
 
 def begin_of(
@@ -280,15 +240,12 @@ def estimate(
         raise InputError("ranges: none are left")
     first = float(ranges.t[0])
     queries = queries[queries >= first]
-    landed = landings(imu) if imu is not None and known.start is not None and known.start.lands else []
-    for one in landed if smoothed else []:  # between touching and rest the filter does not know that it has landed
+    for one in (
+        _landings(imu, known) if smoothed else []
+    ):  # between touching and rest the filter does not know that it has landed
         ranges = ranges.only((ranges.t <= one.touched) | (ranges.t > one.rests))
-    noise = noise_of(settings, imu is not None)
-    if known.biases is not None:  # calibrated biases are held; only the correlated error wanders
-        noise = noise._replace(bias_walk=0.0)
-    aids = known.aids if imu is not None else NO_AIDS
-    setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, aids)
-    events, heard = events_of(ranges, imu, known, landed, queries, first)
+    setup = setup_of(known, settings, imu is not None)
+    events, heard = events_of(ranges, imu, known, queries, first)
     begin = begin or begin_of(ranges, imu, known, settings, setup, events, heard)
     start = start_of(ranges, imu, known, settings, begin, known.heading is not None)
     runs, lost, end = run_on(events, heard, start, setup, -np.inf, smoothed)

@@ -16,7 +16,8 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import clock_by_rates, offset_centres
 from ortilo_drake.studies.recorded.clock_offset import gains_by_rates
 from ortilo_drake.studies.recorded.doubts import NIS, range_noise
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate, noise_of
+from ortilo_drake.studies.recorded.filter_types import FilterSetup, noise_of
+from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.freed import Move, feet_or_nanoseconds, freed_guess, moves_of
 from ortilo_drake.studies.recorded.moved_anchors import (
     CLEARLY,

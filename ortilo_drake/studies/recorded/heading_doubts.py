@@ -16,13 +16,22 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording
+from ortilo_drake.onboard.estimator.tight.attitude_rows import wrapped
 from ortilo_drake.onboard.estimator.tight.inertial import matrix_of
-from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Q, V
+from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, GYRO, THETA, Q
 from ortilo_drake.studies.recorded.event_filter import initial_carried, run_filter
-from ortilo_drake.studies.recorded.filter_types import BIASES, Events, EventValues, Setup, State, nominal
-from ortilo_drake.studies.recorded.filtered import Begin, FilterSetup, events_of, levers_of, noise_of, start_of
+from ortilo_drake.studies.recorded.filter_types import (
+    BIASES,
+    Events,
+    EventValues,
+    FilterSetup,
+    Setup,
+    State,
+    nominal,
+    setup_of,
+)
+from ortilo_drake.studies.recorded.filtered import Begin, events_of, start_of
 from ortilo_drake.studies.recorded.imu_watch import RESTS, SINCE
-from ortilo_drake.studies.recorded.landing import landings
 from ortilo_drake.studies.recorded.reacquired import no_restart
 from ortilo_drake.studies.recorded.turn_filter import SQUARE, Ranging, TurnFilter, follow, turn_filter, turn_found
 
@@ -78,7 +87,7 @@ class MirrorDoubt(NamedTuple):
 
     def text(self) -> str:
         """Return the doubt as part of a sentence."""
-        near = [of for turn, of in MIRRORS if self.started and abs(_wrapped(self.turn - turn)) < np.radians(30.0)]
+        near = [of for turn, of in MIRRORS if self.started and abs(wrapped(self.turn - turn)) < np.radians(30.0)]
         which = "".join(near) or "x and y exchanged, or one axis's sign wrong"
         return (
             "the anchors are a mirror image of the room: the imu turns the other way round than the path that the "
@@ -112,8 +121,10 @@ class HeadingWatch:
         ranging = ranging_of(self._setup, state)
         if beside is None or resting or not follow(beside, events, heard, ranging):
             self._anew |= beside is not None and not resting
-            self._beside, self._start = None if astray else turn_filter(state), state
-            self._mirrored = None if astray else _mirrored(turn_filter(state))
+            self._beside, self._mirrored = (None if astray else turn_filter(state) for _ in range(2))
+            if self._mirrored is not None:
+                self._mirrored.z[:6] *= np.tile(Y, 2)  # position and velocity
+            self._start = state
             self._wrong_since = self._mirrored_since = np.inf
             return
         assert self._mirrored is not None
@@ -152,8 +163,8 @@ class HeadingWatch:
             return None
         drift = np.sqrt(start.C[GYRO + 2, GYRO + 2]) * (state.t - start.t)
         if not self._anew and _is_off(turn.angle, turn.sd, np.sqrt(start.C[THETA + 2, THETA + 2]), drift):
-            return HeadingDoubt(state.t, -turn.angle, turn.sd, _wrapped(_yaw(start.x[Q:ADDITIVE]) + turn.angle))
-        now = _wrapped(turn.angle + _yaw(self._beside.q) - _yaw(state.x[Q:ADDITIVE]))
+            return HeadingDoubt(state.t, -turn.angle, turn.sd, wrapped(_yaw(start.x[Q:ADDITIVE]) + turn.angle))
+        now = wrapped(turn.angle + _yaw(self._beside.q) - _yaw(state.x[Q:ADDITIVE]))
         if _is_off(now, turn.sd, np.sqrt(state.C[THETA + 2, THETA + 2])):
             return HeadingDoubt(state.t, -now, turn.sd, None)
         return None
@@ -167,11 +178,9 @@ def heading_doubts(
     assert imu is not None
     if known.rest is not None:
         ranges = ranges.only(np.flatnonzero(ranges.t >= known.rest.end))
-    first, noise = float(ranges.t[0]), noise_of(settings, True)
-    landed = landings(imu) if known.start is not None and known.start.lands else []
-    events, heard = events_of(ranges, imu, known._replace(looks=NO_AID_ROWS), landed, np.zeros(0), first)
+    first, setup = float(ranges.t[0]), setup_of(known, settings, True)
+    events, heard = events_of(ranges, imu, known._replace(looks=NO_AID_ROWS), np.zeros(0), first)
     state = start_of(ranges, imu, known, settings, begin, known.heading is not None)
-    setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, known.aids)
     carried, anew = initial_carried(len(known.anchors), len(state.C), state.t), no_restart(len(state.C))
     watch, done = HeadingWatch(setup), 0
     for t in np.arange(first, events.t[-1] + EVERY, EVERY):
@@ -191,19 +200,8 @@ def ranging_of(setup: Setup, state: State) -> Ranging:
     return Ranging(setup.anchors, state.x[nominal(BIASES) : nominal(BIASES) + n].copy(), setup.levers, sd)
 
 
-def _mirrored(one: TurnFilter) -> TurnFilter:
-    """Return the turn filter with its position and velocity mirrored in y, in place."""
-    one.z[:3] *= Y
-    one.z[V : V + 3] *= Y
-    return one
-
-
 def _is_off(angle: float, *deviations: float) -> bool:
     return abs(angle) > max(LEAST, OFF * float(np.linalg.norm(deviations)))
-
-
-def _wrapped(angle: float) -> float:
-    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def _yaw(q: np.ndarray) -> float:

@@ -16,7 +16,8 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
-from ortilo_drake.studies.recorded.filtered import Estimate, FilterSetup, estimate, noise_of
+from ortilo_drake.studies.recorded.filter_types import FilterSetup, noise_of
+from ortilo_drake.studies.recorded.filtered import Estimate, estimate
 from ortilo_drake.studies.recorded.reacquired import Innovations, innovation_score
 from ortilo_drake.studies.recorded.replayed import with_lever
 from ortilo_drake.studies.recorded.scores import nees_of, nis_of, rms_by_axis

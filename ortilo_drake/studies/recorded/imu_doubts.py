@@ -18,7 +18,7 @@ from ortilo_drake.interop.recorded.sources import Quaternion
 from ortilo_drake.interop.recorded.units import FORCE_UNITS, RATE_UNITS, axes_matrix, axes_names, in_axes, size_of
 from ortilo_drake.studies.recorded.clock_offset import TELLS, ByRates, best_by_rates, gains_by_rates
 from ortilo_drake.studies.recorded.freed import DRIFT
-from ortilo_drake.studies.recorded.truth_path import TruthPath, truth_path
+from ortilo_drake.studies.recorded.truth_path import TruthPath, interpolated, truth_path
 
 OFF = 1.5  # largest difference of the force at rest from gravity; some units are 6 % wrong [m/s²]
 TELLING = 0.1  # a unit is told if it brings the force this near to gravity, as a share
@@ -206,7 +206,7 @@ def _off_up(imu: Imu, truth: Truth, turning: ByRates, up: np.ndarray | None) -> 
         return 0.0
     assert truth.R is not None
     then = np.clip(truth.t - turning.offset, imu.t[0], imu.t[-1])
-    force = np.column_stack([np.interp(then, imu.t, axis) for axis in imu.force.T])
+    force = interpolated(then, imu.t, imu.force)
     up_T = np.mean(np.einsum("kij,jl,kl->ki", truth.R, turning.mount, force), axis=0)
     size = float(np.mean(np.linalg.norm(force, axis=1)))
     return 0.5 * (1.0 - float(up_T @ up) / max(size, 1e-9))
@@ -228,10 +228,7 @@ def misfits(imu: Imu, path: TruthPath, offset: float, of_rates: np.ndarray, of_f
     if last < first:
         return np.full(len(of_rates), np.nan)
     at = np.linspace(first, last, WINDOWS)[:, None] + np.arange(0.0, LASTS, FINE)
-    rates, force = (
-        np.stack([np.interp(at, stamps, axis) for axis in values.T], axis=-1)
-        for stamps, values in ((imu.t, imu.rates), (t, f))
-    )
+    rates, force = interpolated(at, imu.t, imu.rates), interpolated(at, t, f)
     turns = np.einsum("cij,skj->cski", of_rates, rates) * FINE
     force = np.einsum("cij,skj->cski", of_force, force)
     turned, G = Rotation.identity(force[:, :, 0].size // 3), np.empty_like(force)

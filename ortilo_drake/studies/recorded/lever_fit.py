@@ -19,7 +19,8 @@ import numpy as np
 
 from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.recording import Imu, Ranges, between
-from ortilo_drake.studies.recorded.filtered import TRIAL, Begin, FilterSetup, estimate, noise_of
+from ortilo_drake.studies.recorded.filter_types import FilterSetup, noise_of
+from ortilo_drake.studies.recorded.filtered import TRIAL, Begin, estimate
 from ortilo_drake.studies.recorded.reacquired import Innovations, innovation_score
 
 PRIOR = 0.1  # standard deviation of each component a priori [m]

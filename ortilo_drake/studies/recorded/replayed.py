@@ -13,7 +13,8 @@ from ortilo_drake.studies.recorded.at_rest import AtRest, at_rest, at_rest_text,
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.doubted import doubts_of, stamp_doubts
 from ortilo_drake.studies.recorded.doubts import of_failed, range_noise
-from ortilo_drake.studies.recorded.filtered import TRIAL, Estimate, FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.filtered import TRIAL, Estimate, estimate
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.heading_doubts import heading_doubts
 from ortilo_drake.studies.recorded.lever_fit import fit_lever

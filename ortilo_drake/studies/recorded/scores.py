@@ -92,34 +92,27 @@ def nis_of(found: Estimate, begin: float, end: float) -> tuple[float, float]:
 
 def score(found: Estimate, judged: np.ndarray, truth: np.ndarray | None, available_below: float) -> Scores:
     """Return the scores of an estimate at its `judged` stamps (mask (m)); truth (m, 3), limit of the deviation [m]."""
-    deviation = np.sqrt(np.trace(found.P, axis1=1, axis2=2))[judged]
-    nis, rejected = nis_of(found, found.t[judged][0], found.t[judged][-1])
-    available = float(np.mean(deviation < available_below))
-    lost, t = tuple(found.lost), found.t[judged]
-    silent = tuple(_silent(found.range_stamps, since, until) for since, until in lost)
-    judged_from, to = found.t[judged][[0, -1]]
-    e_r = found.run.innovation[(found.range_stamps >= judged_from) & (found.range_stamps <= to)]
-    innovation = left_of(e_r) if len(e_r) else None
+    t, P, stamps, lost = found.t[judged], found.P[judged], found.range_stamps, tuple(found.lost)
+    available = float(np.mean(np.sqrt(np.trace(P, axis1=1, axis2=2)) < available_below))
+    silent = tuple(_silent(stamps, since, until) for since, until in lost)
+    e_r = found.run.innovation[(stamps >= t[0]) & (stamps <= t[-1])]
+    scores = Scores(None, None, None, None, None, *nis_of(found, t[0], t[-1]), available)
+    scores = replace(scores, lost=lost, silent=silent, innovation=left_of(e_r) if len(e_r) else None)
     if truth is None:
-        without = Scores(None, None, None, None, None, nis, rejected, available)
-        return replace(without, lost=lost, silent=silent, innovation=innovation)
-    e, P = (found.p - truth)[judged], found.P[judged]
-    there = not_lost_at(t, lost)
+        return scores
+    e, there = (found.p - truth)[judged], not_lost_at(t, lost)
     errors = np.linalg.norm(e, axis=1)
     worst = float(t[errors.argmax()])
-    before = found.range_stamps[found.range_stamps <= worst]
-    return Scores(
-        rms_by_axis(e),
-        *by_evo(t, found.p[judged], truth[judged]),
-        float(np.mean(nees_of(e, P))),
-        nis,
-        rejected,
-        available,
-        lost=lost,
-        silent=silent,
+    ate, ate_aligned, rpe = by_evo(t, found.p[judged], truth[judged])
+    return replace(
+        scores,
+        rmse=rms_by_axis(e),
+        ate=ate,
+        ate_aligned=ate_aligned,
+        rpe=rpe,
+        nees=float(np.mean(nees_of(e, P))),
         rmse_found=rms_by_axis(e[there]) if there.any() else None,
-        largest=(float(errors.max()), worst, worst - float(before[-1])),
-        innovation=innovation,
+        largest=(float(errors.max()), worst, worst - float(stamps[stamps <= worst][-1])),
     )
 
 

@@ -10,8 +10,7 @@ from ortilo_drake.interop.recorded.recording import NO_AID_ROWS, Recording, Trut
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.at_rest import AtRest, at_rest
 from ortilo_drake.studies.recorded.calibrate import Calibration
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS, Level, Sight
-from ortilo_drake.studies.recorded.filtered import FilterSetup
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, FilterSetup, Level, Sight
 from ortilo_drake.studies.recorded.truth_path import truth_path
 
 CLIMB = 0.02  # standard deviation of v_z where the height is constant [m/s]

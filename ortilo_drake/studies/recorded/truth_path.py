@@ -28,6 +28,11 @@ class TruthPath(NamedTuple):
         return self.p(t), None if self.R is None else self.R(t).as_matrix()
 
 
+def interpolated(t: np.ndarray, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the linear interpolation of `values` (m, k), with rising stamps (m), at times t (...): (..., k)."""
+    return np.stack([np.interp(t, stamps, column) for column in values.T], axis=-1)
+
+
 def far_away(p: np.ndarray) -> bool:
     """Return whether places (n, 3) are so far from 0 that they should count from their middle."""
     return bool(np.abs(p).max() > FAR)

@@ -190,6 +190,9 @@ def _fitted(ranges: Ranges, start: np.ndarray, known: Sequence[int], noise: tupl
         if not changed and fitted:
             break
         fitted = True
+    if changed:  # from the last better sides no descent has begun yet
+        found = _descent(network, x, sd, loss)
+        cost, d = 2.0 * float(found.cost), np.linalg.norm(network.lines(found.x), axis=1)
     x = found.x
     sd = np.maximum(noise[0] + noise[1] * d, 1e-6)
     anchors, places = network.unpacked(x)

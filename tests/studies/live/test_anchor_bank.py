@@ -10,7 +10,7 @@ from made_up_motion import ANCHORS, BIASES, as_map, made_up, quick_place
 from scipy.optimize import least_squares
 from usd_logs import util_folder, util_map
 
-from ortilo_drake.interop.recorded.blocks import Block, parted
+from ortilo_drake.interop.recorded.live_rows import Block, parted
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.studies.live import anchor_bank as anchor_bank_module
@@ -18,7 +18,7 @@ from ortilo_drake.studies.live import live_filter
 from ortilo_drake.studies.live.anchor_bank import SETTLED, AnchorWatch, anchor_bank, follow_ranges
 from ortilo_drake.studies.live.live_bridge import LiveBridge
 from ortilo_drake.studies.live.live_warnings import LiveWarnings
-from ortilo_drake.studies.live.uncertainty import Limits
+from ortilo_drake.studies.live.stamped_estimate import Limits
 from ortilo_drake.studies.recorded.filter_types import RANGE, Events
 
 

@@ -7,8 +7,8 @@ from made_up_motion import BIASES, as_map, made_up
 from plain_filter import run_plainly
 
 from ortilo_drake.studies.live import anchor_bank, live_filter
-from ortilo_drake.studies.live.anchor_record import AnchorRecord
 from ortilo_drake.studies.live.live_bridge import LiveBridge
+from ortilo_drake.studies.live.sensor_records import AnchorRecord
 from ortilo_drake.studies.recorded.filter_types import BIASES as AT
 from ortilo_drake.studies.recorded.filter_types import Run, State, states
 

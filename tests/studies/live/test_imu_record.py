@@ -3,7 +3,7 @@
 import numpy as np
 
 from ortilo_drake.interop.recorded.recording import Imu
-from ortilo_drake.studies.live.imu_record import LOST, SILENT, ImuRecord
+from ortilo_drake.studies.live.sensor_records import LOST, SILENT, ImuRecord
 
 
 def rows(*t: float) -> Imu:

@@ -13,7 +13,7 @@ from ortilo_drake.commands.hil.going_on import kept_in
 from ortilo_drake.studies.live import anchor_bank, kept_state, live_filter
 from ortilo_drake.studies.live.kept_state import EVERY, Kept, StateKeeper, load_state, why_not
 from ortilo_drake.studies.live.live_bridge import LiveBridge
-from ortilo_drake.studies.live.uncertainty import Limits
+from ortilo_drake.studies.live.stamped_estimate import Limits
 from ortilo_drake.studies.recorded import heading_doubts
 from ortilo_drake.studies.recorded.anchor_trust import ASTRAY
 from ortilo_drake.studies.recorded.filter_types import State
@@ -182,7 +182,7 @@ def test_nobody_goes_on_from_the_state_of_a_filter_whose_heading_is_wrong(tmp_pa
     later = len(motion) // 2
     fed(bridge, motion[:later])
     assert path.exists()
-    monkeypatch.setattr(live_filter, "lasting_cause", lambda *_: "the heading is wrong")
+    monkeypatch.setattr(live_filter.LiveFilter, "wrong", "the heading is wrong")
     fed(bridge, motion[later : later + 20])
     assert bridge.kept is None
     assert not path.exists()

@@ -13,8 +13,8 @@ from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.live import anchor_bank, live_filter, rates_watch
-from ortilo_drake.studies.live.imu_record import LOST
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
+from ortilo_drake.studies.live.sensor_records import LOST
 from ortilo_drake.studies.recorded import heading_doubts, reacquired
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.filtered import TRIAL, estimate

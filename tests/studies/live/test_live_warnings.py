@@ -8,6 +8,7 @@ from live_messages import IMU, RANGES, START, messages_of
 from made_up_motion import as_map, made_up, quick_place
 
 from ortilo_drake.studies.live.live_bridge import LiveBridge
+from ortilo_drake.studies.live.live_filter import LiveFilter
 from ortilo_drake.studies.live.live_warnings import LiveWarnings
 
 
@@ -39,7 +40,7 @@ def test_what_a_named_cause_explains_is_not_said(watches, said) -> None:
     for t, (rates, heading) in enumerate(watches):
         filter_ = SimpleNamespace(begun=False, force_doubt="", lost=0, gate=0.0, anchors=None, agreement=agreement)
         filter_.rates, filter_.heading, filter_.places, filter_.due = rates, heading, places, 10.0 * t
-        warnings._fit_at = 0.0
+        filter_.wrong, warnings._fit_at = LiveFilter.wrong.fget(filter_), 0.0
         warnings.look_at(filter_)
     assert len(lines) == len(said)
     assert all(part in line for part, line in zip(said, lines, strict=True))

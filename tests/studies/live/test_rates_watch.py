@@ -8,7 +8,7 @@ from ortilo_flights import MAP, flight_folder
 from plain_filter import run_plainly
 from usd_logs import FLIGHTS, util_folder, util_map
 
-from ortilo_drake.interop.recorded.blocks import Block, parted
+from ortilo_drake.interop.recorded.live_rows import Block, parted
 from ortilo_drake.interop.recorded.recording import Imu, read_recording
 from ortilo_drake.studies.live import rates_watch
 from ortilo_drake.studies.live.live_filter import LiveFilter

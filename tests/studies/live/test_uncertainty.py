@@ -11,8 +11,7 @@ from plain_filter import run_plainly
 from ortilo_drake.studies.live import anchor_bank, live_bridge, live_filter
 from ortilo_drake.studies.live.agreement import Agreement
 from ortilo_drake.studies.live.live_bridge import LiveBridge
-from ortilo_drake.studies.live.stamped_estimate import StampedEstimate
-from ortilo_drake.studies.live.uncertainty import Limits
+from ortilo_drake.studies.live.stamped_estimate import Limits, StampedEstimate
 from ortilo_drake.studies.recorded.filter_types import Run
 
 

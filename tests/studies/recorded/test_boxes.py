@@ -15,7 +15,8 @@ from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.model.inputs.room_text import ORTILO_ROOM
 from ortilo_drake.model.room import load_room
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.replayed import AIDED, BOXED, aided_name
 from ortilo_drake.studies.recorded.setups import with_aids
 

@@ -13,8 +13,8 @@ from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.scenario import load_scenario
 from ortilo_drake.studies.recorded.calibrate import calibrate
 from ortilo_drake.studies.recorded.doubts import of_plane
-from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, Level
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import UNKNOWN_LEVEL, FilterSetup, Level
+from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.reacquired import Lost, ranges_for_a_fix, solve_first_fix
 from ortilo_drake.studies.recorded.recorded_report import report_text
 from ortilo_drake.studies.recorded.replayed import CV, CV_RAW, replay

@@ -8,8 +8,8 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Start
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu
 from ortilo_drake.studies.recorded.doubts import of_failed
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, FilterSetup
+from ortilo_drake.studies.recorded.filtered import estimate
 
 K, TOLD, STEP = 0.6, 0.3, 1e-3
 SETTINGS = FilterSettings(acceleration=0.05, range_white=0.02, range_correlated=0.001)

@@ -13,8 +13,8 @@ from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recordi
 from ortilo_drake.loop.plain import plain_source
 from ortilo_drake.onboard.estimator.tight.layout import ADDITIVE, Q
 from ortilo_drake.studies.recorded.at_rest import at_rest
-from ortilo_drake.studies.recorded.filter_types import FORCE, RANGE, RATES, Events, EventValues, Setup, State
-from ortilo_drake.studies.recorded.filtered import Begin, begin_of, events_of, levers_of, noise_of
+from ortilo_drake.studies.recorded.filter_types import FORCE, RANGE, RATES, Events, EventValues, State, setup_of
+from ortilo_drake.studies.recorded.filtered import Begin, begin_of, events_of
 from ortilo_drake.studies.recorded.heading_doubts import HeadingDoubt, MirrorDoubt, heading_doubts
 from ortilo_drake.studies.recorded.setups import uncalibrated_setup
 from ortilo_drake.studies.recorded.turn_filter import Ranging, follow, turn_filter, turn_found
@@ -41,11 +41,9 @@ def doubted(recording, map_) -> list[HeadingDoubt]:
     known = uncalibrated_setup(recording, map_, at_rest(recording, map_))
     begin = Begin(known.heading, None)
     if known.heading is None:
-        noise = noise_of(map_.filter, True)
         ranges, imu = recording.ranges, recording.imu
-        setup = Setup(known.anchors, levers_of(known, imu), known.level, noise, known.aids)
-        events = events_of(ranges, imu, known, (), np.zeros(0), float(ranges.t[0]))
-        begin = begin_of(ranges, imu, known, map_.filter, setup, *events)
+        events = events_of(ranges, imu, known, np.zeros(0), float(ranges.t[0]))
+        begin = begin_of(ranges, imu, known, map_.filter, setup_of(known, map_.filter, True), *events)
     return heading_doubts(recording, known, map_.filter, begin)
 
 

@@ -7,7 +7,8 @@ from usd_logs import util_folder, util_map
 
 from ortilo_drake.interop.recorded.recording import between, read_recording
 from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.setups import airborne, calibrated_setup, with_aids
 
 

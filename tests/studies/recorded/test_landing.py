@@ -9,8 +9,7 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Imu
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.estimator.tight.layout import Q, V
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS, nominal, states
-from ortilo_drake.studies.recorded.filtered import noise_of
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, noise_of, nominal, states
 from ortilo_drake.studies.recorded.imu_watch import RESTS
 from ortilo_drake.studies.recorded.landing import TOUCHES, landings
 from ortilo_drake.studies.recorded.passing import accumulate, empty_passing

@@ -7,7 +7,8 @@ from made_up_motion import LEVER, OFFSET, SHIFT, TABLE_MAP, YAW, as_map, made_up
 from scipy.spatial.transform import Rotation
 
 from ortilo_drake.interop.recorded.recording import read_recording
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.lever_fit import PRIOR, fit_lever
 from ortilo_drake.studies.recorded.replayed import RAW, replay
 

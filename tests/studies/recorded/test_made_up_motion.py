@@ -9,7 +9,8 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Gaps
 from ortilo_drake.interop.recorded.recording import Ranges, read_recording
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
 from ortilo_drake.studies.recorded.replayed import CV, RAW, SMOOTH, WITH_IMU, gap_ends, lose_gaps, lose_some, replay
 

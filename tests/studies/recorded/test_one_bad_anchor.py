@@ -10,8 +10,8 @@ from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import GRAVITY, Imu
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, THETA, Q, V
 from ortilo_drake.studies.recorded.event_rows import grown_at
-from ortilo_drake.studies.recorded.filter_types import NO_AIDS, nominal, states
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate, noise_of
+from ortilo_drake.studies.recorded.filter_types import NO_AIDS, FilterSetup, noise_of, nominal, states
+from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.imu_watch import (
     DIFFERS,
     HELD,

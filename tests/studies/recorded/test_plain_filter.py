@@ -9,7 +9,8 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu
 from ortilo_drake.studies.recorded import reacquired
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.filtered import estimate
 
 
 def test_ranges_and_an_imu_give_the_position_within_what_the_filter_says_of_itself(monkeypatch) -> None:

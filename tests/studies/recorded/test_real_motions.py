@@ -15,7 +15,8 @@ from ortilo_flights import MAP, TABLE_MAP, flight_folder
 from ortilo_drake.interop.recorded.map_file import Gaps
 from ortilo_drake.interop.recorded.recording import read_recording
 from ortilo_drake.studies.recorded.calibrate import calibrate
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.first_look import first_look
 from ortilo_drake.studies.recorded.fit_noise import fit_noise
 from ortilo_drake.studies.recorded.replayed import (

@@ -9,8 +9,9 @@ from ortilo_drake.interop.recorded.map_file import FilterSettings, Start
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
-from ortilo_drake.studies.recorded.reflected import LENGTH, WILD, share_after, weigh_range
+from ortilo_drake.studies.recorded.anchor_trust import LENGTH, WILD, share_after, weigh_range
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.filtered import estimate
 
 
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.95])

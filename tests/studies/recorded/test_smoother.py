@@ -38,7 +38,7 @@ def test_states_and_covariances_are_those_of_all_rows_at_once(monkeypatch) -> No
             where[:4], row[:4] = rng.choice(np.r_[0:6, 9:N], 4, replace=False), rng.normal(size=4)
             H = np.zeros(N)
             np.add.at(H, where, row)
-            y, r = rng.normal(), -60.0 if (k, i) == (3, 1) else 0.2  # one that widens, see reflected.py
+            y, r = rng.normal(), -60.0 if (k, i) == (3, 1) else 0.2  # one that widens, see anchor_trust.py
             S = H @ C @ H + r
             assert (S < 0.0) == (r < 0.0)
             K, e = C @ H / S, y - H @ x

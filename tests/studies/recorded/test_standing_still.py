@@ -11,7 +11,8 @@ from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recordi
 from ortilo_drake.model.typed_yaml import InputError, parse_yaml, validate
 from ortilo_drake.onboard.estimator.tight.layout import ACCEL, GYRO, THETA, Q
 from ortilo_drake.studies.recorded.at_rest import at_rest, correct_by_rest, standstill_doubts, unlevel
-from ortilo_drake.studies.recorded.filtered import FilterSetup, estimate
+from ortilo_drake.studies.recorded.filter_types import FilterSetup
+from ortilo_drake.studies.recorded.filtered import estimate
 from ortilo_drake.studies.recorded.replayed import replay
 
 T, RATE, LASTS = 10.0, 100.0, 40.0
