@@ -11,6 +11,7 @@ from ortilo_drake.world.drawn_truth import Drawn
 from ortilo_drake.world.radio.image_delay import ImageDelay, check_kept
 from ortilo_drake.world.scenery.bent_picture import BentPicture, straight_model
 from ortilo_drake.world.scenery.rendering import (
+    VehiclePose,
     camera_in_body,
     make_scene_graph,
     mount_camera,
@@ -18,7 +19,6 @@ from ortilo_drake.world.scenery.rendering import (
     render_cameras,
 )
 from ortilo_drake.world.scenery.scene import scene_items
-from ortilo_drake.world.scenery.vehicle_pose import VehiclePose
 
 NOTHING = 32766  # the label where there is nothing
 

@@ -38,7 +38,7 @@ from ortilo_drake.model.signals import N_U, N_X, N_XBAR, PAYLOAD, REFERENCE_SIZE
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.estimator.belief import together_box, widened_box
 from ortilo_drake.scenario import Belief
-from ortilo_drake.scenario.own_box import box_of
+from ortilo_drake.scenario.own_parts import box_of
 
 BELIEF = N_XBAR + N_XBAR * N_XBAR
 OF_VEHICLE = N_X + N_X * N_X

@@ -110,7 +110,10 @@ def group_of(name: str, values: Any) -> tuple[Group, "Values"]:
 
 def kind_of(name: str, value: Any) -> Kind:
     """Return the kind of a constant's numbers; ValueError if the constant does not consist of numbers."""
-    kind = np.asarray(value).dtype.kind
+    try:
+        kind = np.asarray(value).dtype.kind
+    except ValueError:  # lists of different lengths
+        kind = "O"
     if kind not in _KINDS:
         raise ValueError(f"{name}: is {value!r}, must be a number or an array of numbers")
     return _KINDS[kind]

@@ -65,8 +65,9 @@ def box(
             raise ValueError(f"{what}: {function!r}: must be a function")
     groups = {"numbers": numbers, "tables": tables, "state": state, "work": work}
     _check_names({group: its or {} for group, its in groups.items()})
-    for name, values in ((numbers or {}) | (state or {})).items():
+    for name, values in ((numbers or {}) | (tables or {}) | (state or {})).items():
         kind_of(name, values)
+    for name, values in ((numbers or {}) | (state or {})).items():
         if np.isnan(values).any():
             raise ValueError(f"{name}: is {values!r}, must not be NaN")
     for name, values in ((tables or {}) | (state or {})).items():

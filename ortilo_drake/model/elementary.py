@@ -11,7 +11,6 @@ with the rounding of x itself. Beyond SENSELESS, where neighbouring numbers are 
 The exponential and the arctangent's polynomial are also from fdlibm, with errors below 1 ulp.
 """
 
-from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -186,21 +185,6 @@ def sin_cos(x: Any) -> tuple[Any, Any]:
     return sine_and_cosine(float(x)) if isinstance(x, float) else (np.sin(x), np.cos(x))
 
 
-@overload(sin, strict=False)
-def _compiled_sin(x: Any) -> Callable[[Any], Any]:
-    return lambda x: sine(x, 0)
-
-
-@overload(cos, strict=False)
-def _compiled_cos(x: Any) -> Callable[[Any], Any]:
-    return lambda x: sine(x, 1)
-
-
-@overload(sin_cos, strict=False)
-def _compiled_sin_cos(x: Any) -> Callable[[Any], Any]:
-    return lambda x: sine_and_cosine(x)
-
-
 def arctan2(y: Any, x: Any) -> Any:
     """Return the angle of the point (x, y) [rad]; AutoDiffXd and Expression use their own arctan2."""
     return angle_of(float(y), float(x)) if isinstance(x, float) and isinstance(y, float) else np.arctan2(y, x)
@@ -211,14 +195,12 @@ def exp(x: Any) -> Any:
     return exponential(float(x)) if isinstance(x, float) else np.exp(x)
 
 
-@overload(arctan2, strict=False)
-def _compiled_arctan2(y: Any, x: Any) -> Callable[[Any, Any], Any]:
-    return lambda y, x: angle_of(y, x)
-
-
-@overload(exp, strict=False)
-def _compiled_exp(x: Any) -> Callable[[Any], Any]:
-    return lambda x: exponential(x)
+# In compiled functions, which know only floats; strict compares annotations, which a lambda does not have.
+overload(sin, strict=False)(lambda x: lambda x: sine(x, 0))
+overload(cos, strict=False)(lambda x: lambda x: sine(x, 1))
+overload(sin_cos, strict=False)(lambda x: lambda x: sine_and_cosine(x))
+overload(arctan2, strict=False)(lambda y, x: lambda y, x: angle_of(y, x))
+overload(exp, strict=False)(lambda x: lambda x: exponential(x))
 
 
 @register_jitable

@@ -17,15 +17,19 @@ point beyond the turning point has no pixel.
 """
 
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Annotated, Final, Literal, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 from numpy.polynomial import Polynomial
+from pydantic import Field
 
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.elementary import arctan2, cos, sin
 
+Distortion = Literal["none", "brown_conrady", "fisheye"]
+Coefficients = Annotated[tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...], Field(max_length=8)]
+_COUNTS = {"none": (0,), "brown_conrady": (4, 5, 8), "fisheye": (4,)}
 FISHEYE, BROWN_CONRADY = 4, 8  # numbers of coefficients; a lens without distortion has 0
 _ITERATIONS = 50
 _CONVERGED = 1e-14
@@ -182,3 +186,11 @@ def make_lens(
     half = np.array([straightened(*(0.5 * (side - center) / f), lens) for side in sides])
     # A margin beyond the samples of the border.
     return lens._replace(reach=_WIDE * np.abs(rays).max(axis=0)), not bool(np.isnan(half).any())
+
+
+def check_count(distortion: str, coefficients: tuple[float, ...]) -> None:
+    """Raise ValueError, for a model's validator, if the distortion does not have this number of coefficients."""
+    allowed = _COUNTS[distortion]
+    if len(coefficients) not in allowed:
+        counts = " or ".join(map(str, allowed))
+        raise ValueError(f".coefficients: {len(coefficients)} of them: {distortion} has {counts}")

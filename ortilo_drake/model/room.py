@@ -15,11 +15,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from ortilo_drake.model.distortion import Coefficients, Distortion, check_count
 from ortilo_drake.model.input_files import exists, read_text
 from ortilo_drake.model.inputs.problems import SeveralProblems
 from ortilo_drake.model.inputs.room_text import ORTILO_ROOM, parse_room
-from ortilo_drake.model.lens import BROWN_CONRADY, Lens, make_lens
+from ortilo_drake.model.lens import BROWN_CONRADY, Coefficients, Distortion, Lens, check_count, make_lens
 from ortilo_drake.model.pinhole import Camera
 from ortilo_drake.model.typed_yaml import SMALLEST, Frozen, InputError, Positive, validate
 

@@ -1,8 +1,5 @@
 """Functions for both float and AutoDiffXd: values without derivatives, and linear equations with derivatives."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 from numba.extending import overload
 
@@ -12,11 +9,6 @@ def values_of(v: np.ndarray) -> np.ndarray:
     if v.dtype != object:
         return v
     return np.array([float(z.value()) if hasattr(z, "value") else float(z) for z in v.flat]).reshape(v.shape)
-
-
-@overload(values_of, strict=False)  # strict compares annotations, which a lambda does not have
-def _compiled_values_of(v: Any) -> Callable[[Any], Any]:
-    return lambda v: v
 
 
 def solve(S: np.ndarray, B: np.ndarray) -> np.ndarray:
@@ -32,6 +24,6 @@ def solve(S: np.ndarray, B: np.ndarray) -> np.ndarray:
     return np.asarray(X_0 + np.linalg.inv(S_0) @ (B - S @ X_0))
 
 
-@overload(solve, strict=False)
-def _compiled_solve(S: Any, B: Any) -> Callable[[Any, Any], Any]:
-    return lambda S, B: np.linalg.solve(S, B)
+# In compiled functions; strict compares annotations, which a lambda does not have.
+overload(values_of, strict=False)(lambda v: lambda v: v)
+overload(solve, strict=False)(lambda S, B: lambda S, B: np.linalg.solve(S, B))

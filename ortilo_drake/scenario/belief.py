@@ -6,6 +6,7 @@ the errors of the belief (scenario/truth.py), nor the world's random parts: dist
 """
 
 import json
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -238,5 +239,6 @@ class Belief(Frozen):
         return found
 
     def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
-        """Pickle as JSON: pickle cannot find a model with registered parts by name."""
-        return Belief.model_validate_json, (self.model_dump_json(),)
+        """Pickle as JSON of Belief or Scenario: pickle cannot find a model with registered parts by name."""
+        known = getattr(sys.modules[type(self).__module__], type(self).__name__)
+        return known.model_validate_json, (self.model_dump_json(),)

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeFloat, model_validator
 
-from ortilo_drake.model.distortion import Coefficients, Distortion
+from ortilo_drake.model.lens import Coefficients, Distortion
 from ortilo_drake.model.room import OWN_CAMERA, CameraModel, Side
 from ortilo_drake.model.typed_yaml import FileName, Frozen, Positive
 from ortilo_drake.scenario.link import Link, LinkRate, Probability

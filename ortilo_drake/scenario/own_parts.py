@@ -1,4 +1,4 @@
-"""Scenarios with registered parts: a scenario's model, extended by fields for the parts that its data names."""
+"""Registered parts: a scenario's model, extended by fields for the parts that its data names, and the parts' boxes."""
 
 import inspect
 from functools import lru_cache
@@ -6,9 +6,10 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, Field, create_model
 
+from ortilo_drake.loop.element import Box
 from ortilo_drake.model.parts import KINDS, Part, Sensor, find_part, find_sensor, known_kinds, own_sensors
 from ortilo_drake.model.signals import SENSORS
-from ortilo_drake.model.typed_yaml import Frozen
+from ortilo_drake.model.typed_yaml import Frozen, InputError
 from ortilo_drake.scenario.faults import MAX_FAULTS
 from ortilo_drake.scenario.link import Link
 
@@ -89,3 +90,16 @@ def _model(base: type[BaseModel], sensors: tuple[Sensor, ...], parts: tuple[tupl
         else:
             fields[role] = (one, base.model_fields[role].default)
     return create_model(base.__name__, __base__=base, __module__=base.__module__, __doc__=base.__doc__, **fields)
+
+
+def box_of(part: Part, whose: str, *arguments: Any) -> Box:
+    """Return the box that a part makes of its arguments; InputError, which begins with `whose`, if it makes none."""
+    assert part.box is not None  # register_part ensures it
+    try:
+        made = part.box(*arguments)
+    except Exception as error:  # a user's function may raise anything; a ValueError of od.box names the value itself
+        said = f"{error}" if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        raise InputError(f"{whose}: {said}") from error
+    if not isinstance(made, Box):
+        raise InputError(f"{whose}: its box returns {made!r}: must return an od.box")
+    return made

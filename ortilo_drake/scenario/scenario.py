@@ -1,7 +1,6 @@
 """The scenario: everything that decides a flight, and nothing else."""
 
 import json
-from collections.abc import Callable
 from typing import Annotated, Any, Final
 
 from pydantic import Field, model_validator
@@ -150,10 +149,6 @@ class Scenario(Belief):
         if len(set(self.sensors)) != len(self.sensors):
             raise ValueError(f"sensors: {list(self.sensors)} names one twice")
         return self
-
-    def __reduce__(self) -> tuple[Callable[[str], "Scenario"], tuple[str]]:
-        """Pickle as JSON: pickle cannot find a model with registered parts by name."""
-        return Scenario.model_validate_json, (self.model_dump_json(),)
 
 
 def _believed(data: dict[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ and all that a registered estimator might read, count as read: no warning is wro
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,18 +28,12 @@ def _flies(*sensors: str) -> Callable[[Any], bool]:
     return lambda s: any(sensor in s.sensors for sensor in sensors)
 
 
-def _of(kind: str, condition: Callable[[Any], bool], others: bool = True) -> Callable[[Any], bool]:
-    """Return `condition` for estimators of a kind, `others` for the other built-in kind, True for registered ones."""
-    built_in = ("intermittent", "tight")
-    return lambda s: condition(s) if s.estimator.kind == kind else s.estimator.kind not in built_in or others
+def _of(kind: str, condition: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    """Return `condition` for estimators of a kind, True for all others."""
+    return lambda s: s.estimator.kind != kind or condition(s)
 
 
-def _paper(condition: Callable[[Any], bool], tight: bool) -> Callable[[Any], bool]:
-    return _of("intermittent", condition, tight)
-
-
-def _tight(condition: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return _of("tight", condition)
+_paper, _tight = partial(_of, "intermittent"), partial(_of, "tight")
 
 
 def _lasts(of: str) -> Callable[[Any], bool]:
@@ -59,8 +54,8 @@ def _imu(*names: str) -> tuple[str, ...]:
     return tuple(f"truth.imu.{name}{end}" for name in names for end in ends)
 
 
-_RATES = _paper(lambda s: s.estimator.rates == "measured" or s.estimator.robust is not None, True)
-_FORCE = _paper(lambda s: s.estimator.force == "measured" or s.estimator.robust is not None, True)
+_RATES = _paper(lambda s: s.estimator.rates == "measured" or s.estimator.robust is not None)
+_FORCE = _paper(lambda s: s.estimator.force == "measured" or s.estimator.robust is not None)
 _LEVEL = _tight(lambda s: s.estimator.imu.level_sd > 0.0 or s.estimator.imu.yaw_sd > 0.0)
 _W, _B, _T = "estimator.walks.", "estimator.biases.", "estimator."
 
@@ -78,7 +73,7 @@ RULES = (
     Rule(("truth.uwb.bias",), lambda s: s.uwb.kind == "ranges", "uwb.kind ranges; it is the same in both of a pair"),
     Rule(("uwb.noise",), lambda s: s.uwb.errors == "white", "uwb.errors white"),
     Rule(("uwb.file", "uwb.fitted"), lambda s: s.uwb.errors == "fitted", "uwb.errors fitted"),
-    Rule(("multilateration",), _of("tight", lambda s: False), "estimator.kind intermittent; tight has its own ranges"),
+    Rule(("multilateration",), _tight(lambda s: False), "estimator.kind intermittent; tight has its own ranges"),
     Rule(
         ("detector", "landmark_fix", "truth.camera", "truth.survey.landmarks", "truth.survey.landmarks_sd"),
         _flies("camera"),
@@ -92,7 +87,7 @@ RULES = (
             for name in ("center_sd", "center_growth", "max_residual", "joint", "prior_sd", "survey_sd", "survey_bank")
             + ("noise_scale",)
         ),
-        _of("tight", lambda s: False),
+        _tight(lambda s: False),
         "estimator.kind intermittent",
     ),
     Rule(
@@ -107,25 +102,23 @@ RULES = (
     Rule(("truth.force.gust_time",), lambda s: s.truth.force.gust_sd > 0.0, "truth.force.gust_sd above 0"),
     Rule(("truth.uwb.slow_time",), lambda s: s.truth.uwb.slow_sd > 0.0, "truth.uwb.slow_sd above 0"),
     # The paper's estimator.
-    Rule((_T + "horizon",), _paper(lambda s: s.estimator.delay == "replay", True), "estimator.delay replay"),
-    Rule((_T + "V.uwb",), _flies("uwb"), "uwb that flies"),
-    Rule((_T + "V.camera",), _flies("camera"), "a camera that flies"),
+    Rule((_T + "horizon",), _paper(lambda s: s.estimator.delay == "replay"), "estimator.delay replay"),
     Rule((_T + "V.imu",), _flies("imu"), "an imu that flies"),
-    Rule((_T + "V.rates",), _paper(lambda s: s.estimator.rates == "measured", True), "estimator.rates measured"),
-    Rule((_T + "V.specific_force",), _paper(lambda s: s.estimator.force == "measured", True), "force measured"),
-    Rule((_T + "walks",), _paper(lambda s: s.estimator.force != "none", True), "estimator.force thrust or measured"),
-    Rule((_T + "biases",), _paper(lambda s: s.estimator.force != "none", True), "estimator.force thrust or measured"),
-    Rule((_B + "uwb_sd",), _flies("uwb"), "uwb that flies"),
-    Rule((_B + "camera_sd",), _flies("camera"), "a camera that flies"),
-    Rule((_W + "torque_rate",), _paper(lambda s: s.estimator.walks.torque_sd > 0.0, True), _W + "torque_sd above 0"),
+    Rule((_T + "V.specific_force",), _paper(lambda s: s.estimator.force == "measured"), "force measured"),
+    Rule((_T + "walks",), _paper(lambda s: s.estimator.force != "none"), "estimator.force thrust or measured"),
+    Rule((_T + "biases",), _paper(lambda s: s.estimator.force != "none"), "estimator.force thrust or measured"),
+    Rule((_T + "V.uwb", _B + "uwb_sd"), _flies("uwb"), "uwb that flies"),
+    Rule((_T + "V.camera", _B + "camera_sd"), _flies("camera"), "a camera that flies"),
+    Rule((_W + "torque_rate",), _paper(lambda s: s.estimator.walks.torque_sd > 0.0), _W + "torque_sd above 0"),
     Rule(
         (_W + "accelerometer_sd", _W + "accelerometer_rate"),
-        _paper(lambda s: s.estimator.force == "measured", True),
+        _paper(lambda s: s.estimator.force == "measured"),
         "estimator.force measured",
     ),
     Rule(
-        (_W + "gyroscope_sd", _W + "gyroscope_rate", _T + "robust.drift", _T + "robust.opening.gyroscope"),
-        _paper(lambda s: s.estimator.rates == "measured", True),
+        (_T + "V.rates", _W + "gyroscope_sd", _W + "gyroscope_rate")
+        + (_T + "robust.drift", _T + "robust.opening.gyroscope"),
+        _paper(lambda s: s.estimator.rates == "measured"),
         "estimator.rates measured",
     ),
     Rule(("imu.standstill",), _FORCE, "estimator.kind tight, or force measured"),
@@ -135,7 +128,7 @@ RULES = (
         "imu.standstill of 0: the imu was zeroed at rest",
     ),
     *(
-        Rule((f"{_B}{of}_time",), _paper(_lasts(of), True), f"estimator.biases of {of} above 0")
+        Rule((f"{_B}{of}_time",), _paper(_lasts(of)), f"estimator.biases of {of} above 0")
         for of in ("uwb", "camera", "imu", "row")
     ),
     # The tight estimator.

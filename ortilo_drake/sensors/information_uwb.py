@@ -24,7 +24,7 @@ from ortilo_drake.model.signals import N_X
 from ortilo_drake.scenario import Scenario, Uwb
 from ortilo_drake.sensors.information_rows import SOURCE, rows_of
 from ortilo_drake.sensors.unknown_error import Seen
-from ortilo_drake.world.sensors.uwb import ranging_settings
+from ortilo_drake.world.sensors.uwb import receiver_of
 
 
 def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -32,7 +32,7 @@ def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -
 
     `truth` holds the true states (n, 12). The excess length of a range behind a wall counts as known.
     """
-    s_0, s_1, _, most_walls, max_distance = ranging_settings(settings)
+    *_, s_0, s_1, _, most_walls, max_distance = receiver_of(settings, room)
     ticks = np.flatnonzero(seen)
     p_AB = truth[ticks, np.newaxis, :3] - room.anchor_positions  # (ticks, anchors, 3)
     d = np.linalg.norm(p_AB, axis=2)
@@ -57,7 +57,7 @@ def difference_rows(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.
     The uwb message reached the vehicle in the ticks marked in `seen` (n), at true states (n, 12).
     """
     uwb, anchors = scenario.uwb, room.anchor_positions
-    s_0, s_1, _, most_walls, max_distance = ranging_settings(uwb)
+    *_, s_0, s_1, _, most_walls, max_distance = receiver_of(uwb, room)
     rows, every, n = uwb.rows(scenario.h), uwb.link.every(scenario.h), len(anchors)
     pairs, ticks = pairs_in_turn(uwb.pairs, n), np.repeat(np.flatnonzero(seen), rows)
     j = np.tile(np.arange(rows), np.count_nonzero(seen))

@@ -28,7 +28,7 @@ from ortilo_drake.world.sensors.fitted_uwb import fitted_box, fitted_drawn, larg
 from ortilo_drake.world.sensors.range_differences import differences_box, differences_drawn
 from ortilo_drake.world.sensors.range_paths import STREAM as PATHS_STREAM
 from ortilo_drake.world.sensors.range_paths import paths_box, paths_out
-from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_box, uwb_message
+from ortilo_drake.world.sensors.uwb import receiver_of, uwb_box, uwb_message
 
 MEANS = 50.0  # an exponential length above 50 times its mean is as rare as 10 standard deviations
 
@@ -59,13 +59,10 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
         raise InputError("uwb.link.rate: of a sensor faster than the tick no ranges can be repeated: give its log")
     size = uwb_size(len(room.anchors))
     drawn = draw_truth(scenario.truth, scenario.seed, room, {"uwb": size - PAYLOAD})
-    boxes = room.wall_boxes if scenario.uwb.walls.kind != "none" else np.empty((0, 7))
     anchors = np.ascontiguousarray(room.anchor_positions + drawn["survey.anchors"])
-    settings, stream, h = ranging_settings(scenario.uwb), stream_id("uwb"), scenario.h
-    messages = [
-        uwb_message(truth[k], anchors, drawn["uwb.bias"], boxes, settings, scenario.seed, stream, k * h, h)
-        for k in np.flatnonzero(seen)
-    ]
+    receiver = receiver_of(scenario.uwb, room)._replace(anchors=anchors, bias=drawn["uwb.bias"])
+    stream, h = stream_id("uwb"), scenario.h
+    messages = [uwb_message(truth[k], receiver, scenario.seed, stream, k * h, h) for k in np.flatnonzero(seen)]
     return np.array(messages).reshape(-1, size)
 
 
@@ -90,10 +87,11 @@ def information(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.ndar
 
 def drawn(scenario: Scenario, room: Room, its: Drawn, boxes: Mapping[str, Box]) -> dict[str, Values]:
     """Return the anchors' true positions and the lasting errors of their ranges, for the sensor and its faults."""
-    anchors = Values(tables={"anchors": room.anchor_positions + its["survey.anchors"]})
-    given = Values({"factor": float(its["uwb.factor"])} if scenario.uwb.kind == "differences" else {})
-    found = {"uwb": anchors.updated(given).updated(Values(tables={"bias": its["uwb.bias"]}))}
-    return found | {name: anchors for name, box in boxes.items() if box.element.out in (fault_out, paths_out)}
+    anchors = room.anchor_positions + its["survey.anchors"]
+    numbers = {"factor": float(its["uwb.factor"])} if scenario.uwb.kind == "differences" else {}
+    found = {"uwb": Values(numbers, tables={"receiver_anchors": anchors, "receiver_bias": its["uwb.bias"]})}
+    moved = Values(tables={"anchors": anchors})
+    return found | {name: moved for name, box in boxes.items() if box.element.out in (fault_out, paths_out)}
 
 
 def solver(scenario: Belief, room: Room) -> Box:

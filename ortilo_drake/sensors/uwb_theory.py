@@ -27,7 +27,7 @@ from ortilo_drake.sensors.unknown_error import (
 )
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.fitted_uwb import noise_of
-from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_message
+from ortilo_drake.world.sensors.uwb import receiver_of, uwb_message
 
 STEP = 1e-4  # step of the finite differences [m]
 MISMATCHES = (
@@ -38,15 +38,10 @@ MISMATCHES = (
 
 def message_without_noise(scenario: Scenario, room: Room, x: np.ndarray) -> np.ndarray:
     """Return the uwb message at state x (12), with ranges without noise and the effect of the scenario's walls."""
-    boxes = room.wall_boxes if scenario.uwb.walls.kind != "none" else np.empty((0, 7))
-    settings = ranging_settings(scenario.uwb)
-    settings[:2] = 0.0
-    unbiased = np.zeros(len(room.anchors))
-    message = np.asarray(
-        uwb_message(x, room.anchor_positions, unbiased, boxes, settings, 0, stream_id("uwb"), 0.0, scenario.h)
-    )
+    receiver = receiver_of(scenario.uwb, room)._replace(s_0=0.0, s_1=0.0)
+    message = np.asarray(uwb_message(x, receiver, 0, stream_id("uwb"), 0.0, scenario.h))
     if scenario.belief.uwb.behind_walls == "left_out":
-        n = len(unbiased)
+        n = len(room.anchors)
         for i, anchor in enumerate(room.anchor_positions):
             if walls_crossed(x[:3], anchor, room.wall_boxes):
                 message[PAYLOAD + i] = message[PAYLOAD + n + i] = 0.0

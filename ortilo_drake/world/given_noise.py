@@ -17,11 +17,13 @@ from numba import types
 from numba.extending import intrinsic, register_jitable
 
 from ortilo_drake.compiled.addresses import array_at
+from ortilo_drake.model.input_error import InputError
 
 MOST = 4096  # most streams in a directory
 _RECORD = 3
 _STREAM, _FIRST, _NUMBERS, _TICKS, _RECORD_SEEN, _LEAST_TICK = range(6)  # entry's fields; last two: for learning
 _ENTRY = 6
+_HEAD = 2  # what a directory begins with: its number of streams, and 1 if there were more than MOST
 
 
 def _pointer_to(kind: Any) -> Any:
@@ -52,8 +54,8 @@ def given_numbers(seed: int, stream: np.uint64, tick: int, n: int) -> tuple[int,
     tick, several counts belong to one record.
     """
     record = array_at(_wholes(-seed), (_RECORD,))
-    size = array_at(_wholes(record[0]), (1,))
-    entries = array_at(_wholes(record[0] + 8), (MOST, _ENTRY))
+    size = array_at(_wholes(record[0]), (_HEAD,))
+    entries = array_at(_wholes(record[0] + 8 * _HEAD), (MOST, _ENTRY))
     its, i, first, most = np.int64(stream), 0, 0, 0
     while i < size[0] and entries[i, _STREAM] != its:
         i += 1
@@ -75,6 +77,7 @@ def number_at(address: int, i: int) -> float:
 def _note(size: np.ndarray, entries: np.ndarray, i: int, stream: int, n: int, seed: int, tick: int) -> None:
     """Record in entry i that n numbers of a stream belong to a tick; i equal to the size makes a new entry."""
     if i == MOST:
+        size[1] = 1
         return
     entry = entries[i]
     if i == size[0]:
@@ -91,18 +94,22 @@ class GivenNoise:
 
     `fly` flies once, given a seed for each tick (ticks); `flights` flights, with the seeds 0, 1, ..., find the places.
     A row has `width` numbers. `streams` is a list of (number of the stream, first place in a row, numbers, own ticks in
-    a row).
+    a row). InputError if there are more than MOST streams.
     """
 
     def __init__(self, ticks: int, fly: Callable[[np.ndarray], object], flights: int):
-        self._directory = np.zeros(1 + MOST * _ENTRY, dtype=np.int64)
+        self._directory = np.zeros(_HEAD + MOST * _ENTRY, dtype=np.int64)
         self._records = np.zeros((ticks, _RECORD), dtype=np.int64)
         self._records[:, 0] = self._directory.ctypes.data
         self._handles = -(self._records.ctypes.data + self._records.strides[0] * np.arange(ticks))
         for seed in range(flights):
             self._records[:, 2] = seed
             fly(self._handles)
-        entries = self._directory[1:].reshape(MOST, _ENTRY)[: self._directory[0]]
+        if self._directory[1]:
+            raise InputError(
+                f"noise: has more than {MOST} streams: a room with fewer landmarks, of four each, has fewer"
+            )
+        entries = self._directory[_HEAD:].reshape(MOST, _ENTRY)[: self._directory[0]]
         sizes = entries[:, _NUMBERS] * entries[:, _TICKS]
         entries[:, _FIRST] = np.cumsum(sizes) - sizes
         self.streams = [tuple(entry[: _TICKS + 1].tolist()) for entry in entries]

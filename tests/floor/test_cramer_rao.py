@@ -32,10 +32,9 @@ from ortilo_drake.sensors.information_rows import (
     rows_of,
 )
 from ortilo_drake.sensors.information_uwb import range_rows
-from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.persistent_noise import persistent_normals
+from ortilo_drake.world.noise import persistent_normals, stream_id
 from ortilo_drake.world.sensors.camera_calibration import load_calibration
-from ortilo_drake.world.sensors.uwb import ranging_settings, uwb_message
+from ortilo_drake.world.sensors.uwb import receiver_of, uwb_message
 
 H = 1.0 / 30.0
 FORCE, TORQUE = 0.27, 0.005
@@ -203,19 +202,8 @@ def test_a_range_counts_where_the_world_gives_it(walls: dict[str, Any]) -> None:
     truth[:, :3] = rng.uniform([0.0, -3.0, 1.0], [20.0, 3.0, 2.0], (30, 3))
     seen = rng.random(30) < 0.7
     rows, n = range_rows(settings, ROOM, truth, seen), len(ROOM.anchors)
-    boxes = ROOM.wall_boxes if walls["kind"] != "none" else np.empty((0, 7))
     for k in range(30):
-        message = uwb_message(
-            truth[k],
-            ROOM.anchor_positions,
-            np.zeros(n),
-            boxes,
-            ranging_settings(settings),
-            0,
-            stream_id("uwb"),
-            k * H,
-            H,
-        )
+        message = uwb_message(truth[k], receiver_of(settings, ROOM), 0, stream_id("uwb"), k * H, H)
         assert np.sum(rows[:, 0] == k) == (message[2 + n :].sum() if seen[k] else 0)
     assert (len(rows) < seen.sum() * n) == (walls["kind"] == "block" or settings.max_distance < 20.0)
 

@@ -91,6 +91,14 @@ def test_what_is_no_number_is_refused_by_name(wrong: Any) -> None:
         (lambda: box(1, write, numbers={"a": float("nan")}), "^a: is nan, must not be NaN$"),
         (lambda: box(1, write, state={"a": "no"}), "^a: is 'no', must be a number or an array of numbers$"),
         (lambda: box(1, write, state={"a": 1.0}), "^a: is 1.0, must be an array$"),
+        (
+            lambda: box(1, write, state={"a": [[1.0], [2.0, 3.0]]}),
+            r"^a: is \[\[1.0\], \[2.0, 3.0\]\], must be a number or",
+        ),
+        (
+            lambda: box(1, write, tables={"a": [[1.0], [2.0, 3.0]]}),
+            r"^a: is \[\[1.0\], \[2.0, 3.0\]\], must be a number or",
+        ),
     ],
 )
 def test_a_box_that_cannot_be_is_refused_where_it_is_made(made: Callable[[], object], said: str) -> None:

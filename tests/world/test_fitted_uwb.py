@@ -111,7 +111,7 @@ def test_constants_and_fields_are_the_days() -> None:
     settings = uwb_of(white=0.0, constants_sd=0.3, field={"length": 1.0, "sd": 0.2})
     e = errors(settings, 2, seed=4)
     day = draw_day(settings.fitted, N, of_seed(4))
-    expected = day.constants + [field.at(PLACE[None])[0] for field in day.fields]
+    expected = day.constants + day.fields_at(PLACE[np.newaxis])[0]
     np.testing.assert_allclose(e, [expected, expected], atol=1e-12)
     drawn = np.array(
         [draw_day(uwb_of(white=0.0, constants_sd=0.3).fitted, N, of_seed(s)).constants for s in range(400)]

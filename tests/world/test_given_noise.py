@@ -8,8 +8,9 @@ from numba import njit
 from scipy.stats import kstest, norm
 
 from ortilo_drake.flight.engine import Engine
+from ortilo_drake.model.input_error import InputError
 from ortilo_drake.scenario import load_scenario
-from ortilo_drake.world.given_noise import GivenNoise
+from ortilo_drake.world.given_noise import MOST, GivenNoise
 from ortilo_drake.world.noise import four_normals, four_uniforms, normals, put_normals, stream_id, uniforms
 
 HOVER = "planner={kind: hover, duration: 3.0, point: [8.0, 1.0, 1.0]}"
@@ -115,3 +116,14 @@ def test_rows_of_another_shape_are_refused() -> None:
     noise, _ = given()
     with pytest.raises(ValueError, match=r"rows: \(400, 3\) of float32"):
         noise.seeds(np.zeros((400, 3), np.float32))
+
+
+def test_more_streams_than_a_directory_holds_are_refused() -> None:
+    @njit
+    def draws_of(seeds: np.ndarray, streams: int) -> None:
+        for i in range(streams):
+            normals(seeds[0], A + np.uint64(i), 0, 1)
+
+    assert len(GivenNoise(1, lambda seeds: draws_of(seeds, MOST), 1).streams) == MOST
+    with pytest.raises(InputError, match=f"^noise: has more than {MOST} streams: "):
+        GivenNoise(1, lambda seeds: draws_of(seeds, MOST + 1), 1)

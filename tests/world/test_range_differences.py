@@ -110,7 +110,7 @@ def test_fitted_errors_are_those_of_the_description() -> None:
     for j in range(N):
         a, b = rows[0, j, [A, B]].astype(int)
         p = STATE[:3] - np.nanmax(rows[:, j, AGE]) * STATE[6:9]
-        c = [day.constants[i] + day.fields[i].at(p[np.newaxis])[0] for i in (a, b)]
+        c = (day.constants + day.fields_at(p[np.newaxis])[0])[[a, b]]
         assert np.nanmedian(e[:, j]) == pytest.approx(c[1] - c[0], abs=0.04)
         e[:, j] -= c[1] - c[0]
     far = np.abs(e[~np.isnan(e)]) > 0.5

@@ -15,7 +15,7 @@ from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.onboard.planner.planner import plan
 from ortilo_drake.onboard.planner.seen import fix_sources
 from ortilo_drake.scenario import Belief, GcsPlanner, HoverPlanner, WaypointPlanner
-from ortilo_drake.scenario.own_box import box_of
+from ortilo_drake.scenario.own_parts import box_of
 
 Planned: TypeAlias = Trajectory | System | Box
 BUILT_IN = (GcsPlanner, HoverPlanner, WaypointPlanner)

@@ -114,7 +114,7 @@ def predict(
         of_flight = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, run, *recording.name.encode()])))
         day = draw_day(kind.uwb, n, numbers_of(of_day))
         if known.biases is not None:  # the simulated anchors have the calibrated constants, too
-            day = Day(known.biases, day.fields)
+            day = day._replace(constants=known.biases)
         made = simulated(recording, by, path, mount, map_.floor, kind, day, failed, of_flight)
         told = known._replace(rest=at_rest(made, map_))  # from the simulated imu
         then = estimate(made.ranges, made.imu, told, map_.filter, stamps)
@@ -219,8 +219,8 @@ def draw_errors(
     own = np.zeros((len(rows), n))
     if noise.lasting is not None:
         own += lasting_errors(ranges.t, n, noise.lasting.time, noise.lasting.sd, rng)
-    for i, field in enumerate(day.fields):
-        own[:, i] += field.at(place)
+    if noise.field is not None:
+        own += day.fields_at(place)
     s = np.array([growth(height, noise.near_floor) for height in place[:, 2] - floor])
     far = np.where(draw_outliers(ranges, noise, rng), noise.outliers.sd, 0.0)
     is_difference, a = ranges.other >= 0, np.maximum(ranges.other, 0)

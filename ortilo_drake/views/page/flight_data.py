@@ -10,7 +10,7 @@ from ortilo_drake.flight.flight import AXES, scenario_of
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import PositionBlackout, Scenario
 from ortilo_drake.views.figures import COLOR, OTHER, position_errors
-from ortilo_drake.world.scenery.meshcat_zones import Zone
+from ortilo_drake.world.scenery.meshcat_replay import Zone
 
 MOST_TICKS = 6000  # most ticks on a page; a longer flight is thinned, but its arrivals are not
 LAMP_SECONDS = 0.2  # time for which a lamp stays lit after a fix [s]

@@ -8,7 +8,7 @@ import numpy as np
 from ortilo_drake.model.room import Room
 from ortilo_drake.views.figures import turned
 from ortilo_drake.views.page.flight_data import sensor_color
-from ortilo_drake.world.scenery.meshcat_zones import Zone
+from ortilo_drake.world.scenery.meshcat_replay import Zone
 
 WIDTH, HEIGHT = 1000.0, 100.0  # size of a plot over time, which the page stretches to its width
 

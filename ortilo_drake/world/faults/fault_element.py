@@ -15,7 +15,7 @@ from ortilo_drake.model.placing import fill, put, sample_of
 from ortilo_drake.model.signals import ARRIVED, DETECTION_SIZE, PAYLOAD, STAMP
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.faults import Stuck
-from ortilo_drake.scenario.own_box import box_of
+from ortilo_drake.scenario.own_parts import box_of
 from ortilo_drake.world.faults.table import (
     ANCHOR_MOVED,
     ANCHORS_DYING,
@@ -113,86 +113,67 @@ def silent(faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
 
 
 @register_jitable
-def with_range_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
-    """Return a uwb message under fault i; a missing range stays missing, and no range falls below 0."""
-    said, n = message.copy(), moment.anchors.shape[0]
-    gone, added = silent(faults, i, moment), longer(faults, i, moment)
+def put_range_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) -> None:
+    """Change a uwb message by fault i; a missing range stays missing, and no range falls below 0."""
+    n, gone, added = moment.anchors.shape[0], silent(faults, i, moment), longer(faults, i, moment)
     for j in range(n):
-        there = said[PAYLOAD + n + j] > 0.0 and not gone[j]
-        said[PAYLOAD + j] = max(said[PAYLOAD + j] + added[j], 0.0) if there else 0.0
+        there = message[PAYLOAD + n + j] > 0.0 and not gone[j]
+        message[PAYLOAD + j] = max(message[PAYLOAD + j] + added[j], 0.0) if there else 0.0
         if gone[j]:
-            said[PAYLOAD + n + j] = 0.0
-    return said
+            message[PAYLOAD + n + j] = 0.0
 
 
 _YAW, _RATES = PAYLOAD + 2, PAYLOAD + 3  # in an imu message
 
 
 @cached_njit
-def with_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) -> np.ndarray:
-    """Return a sensor's message under fault i, which may be of any kind but `stuck`."""
+def put_fault(message: np.ndarray, faults: FaultTable, i: int, moment: Moment) -> None:
+    """Change a sensor's message by fault i, which may be of any kind but `stuck`."""
     if message[ARRIVED] == 0.0 or not is_active(faults, i, moment.t):
-        return message.copy()
+        return
     kind, values = faults.kinds[i], settings_of(faults, i)
-    if kind in (YAW_JUMP, GYRO_BIAS, CAMERA_BLINDED):
-        said = message.copy()
-        if kind == YAW_JUMP:
-            said[_YAW] += values[0]
-        elif kind == GYRO_BIAS:
-            said[_RATES : _RATES + 3] += values
-        else:
-            said[PAYLOAD:] = 0.0
-            said[PAYLOAD::DETECTION_SIZE] = -1.0
-        return said
-    return with_range_fault(message, faults, i, moment)
-
-
-@register_jitable
-def stuck_says(message: np.ndarray, held: np.ndarray, active: bool) -> np.ndarray:
-    """Return the message of a sensor that may be stuck; while it is stuck (active), the payload is the held one."""
-    said = message.copy()
-    if active:
-        said[PAYLOAD:] = held
-    return said
-
-
-@register_jitable
-def held_after(message: np.ndarray, held: np.ndarray, active: bool) -> np.ndarray:
-    """Return the payload to hold after a message: the last one that arrived while the sensor was not stuck."""
-    return message[PAYLOAD:] if message[ARRIVED] != 0.0 and not active else held
+    if kind == YAW_JUMP:
+        message[_YAW] += values[0]
+    elif kind == GYRO_BIAS:
+        message[_RATES : _RATES + 3] += values
+    elif kind == CAMERA_BLINDED:
+        message[PAYLOAD:] = 0.0
+        message[PAYLOAD::DETECTION_SIZE] = -1.0
+    else:
+        put_range_fault(message, faults, i, moment)
 
 
 def fault_out(
     n: Any, seed: int, message: np.ndarray, state: np.ndarray, anchors: np.ndarray, faults: FaultTable, out: np.ndarray
 ) -> None:
-    """Output a message under a fault (with_fault), applied to each of its samples."""
+    """Output a message under a fault (put_fault), applied to each of its samples."""
     put(message, out)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
-        put(with_fault(sample, faults, 0, Moment(state, sample[STAMP], anchors, seed, n.h)), sample)
+        put_fault(sample, faults, 0, Moment(state, sample[STAMP], anchors, seed, n.h))
 
 
 def stuck_out(
     n: Any, message: np.ndarray, held: np.ndarray, holds: np.ndarray, faults: FaultTable, out: np.ndarray
 ) -> None:
-    """Output the message of a sensor that may be stuck (stuck_says), applied to each of its samples."""
+    """Output the message of a sensor that may be stuck; while it is, each sample has the payload held since before."""
     put(message, out)
     put(held, holds)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
         if sample[ARRIVED] != 0.0:
-            active = is_active(faults, 0, sample[STAMP])
-            said = stuck_says(sample, holds, active)
-            put(held_after(sample, holds, active), holds)
-            put(said, sample)
+            if is_active(faults, 0, sample[STAMP]):
+                put(holds, sample, PAYLOAD)
+            else:
+                put(sample[PAYLOAD:], holds)
 
 
 def stuck_step(n: Any, message: np.ndarray, held: np.ndarray, faults: FaultTable) -> None:
-    """Hold this tick's message, see held_after."""
+    """Hold the last payload that arrived while the sensor was not stuck."""
     for i in range(n.samples):
         sample = sample_of(message, i, n.samples)
-        if sample[ARRIVED] != 0.0:
-            put(held_after(sample, held, is_active(faults, 0, sample[STAMP])), held)
+        if sample[ARRIVED] != 0.0 and not is_active(faults, 0, sample[STAMP]):
+            put(sample[PAYLOAD:], held)
 
 
 def lasts_out(message: np.ndarray, changed: np.ndarray, faults: FaultTable, out: np.ndarray) -> None:

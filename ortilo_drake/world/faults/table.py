@@ -15,32 +15,32 @@ from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.faults import (
-    AnchorMoved,
-    AnchorsDying,
-    AnyFault,
-    ClockJump,
-    Gust,
-    GyroBias,
-    LandmarkGone,
-    LandmarkMoved,
-    LoadDropped,
-    NlosStorm,
-    OutlierBursts,
-    People,
-    YawJump,
-    sensors_of,
-)
+from ortilo_drake.scenario.faults import AnyFault, LandmarkGone, LandmarkMoved, People, sensors_of
 from ortilo_drake.world.noise import stream_id
 from ortilo_drake.world.sensors.landmark_view import Surroundings
 
-# A fault's kind as a number.
+# By kind, the settings that a table has beside the times; vehicle_faults.py has those of a rotor.
+SETTINGS: Final[dict[str, tuple[str, ...]]] = {
+    "nlos_storm": ("share", "mean"),
+    "outlier_bursts": ("every", "length", "sd"),
+    "stuck": (),
+    "anchor_moved": ("anchor", "by"),
+    "anchors_dying": ("every", "anchors"),
+    "clock_jump": ("by",),
+    "yaw_jump": ("by",),
+    "gyro_bias": ("by",),
+    "camera_blinded": (),
+    "landmark_moved": ("landmark", "by"),
+    "landmark_gone": ("landmark",),
+    "people": ("speed", "radius", "height", "excess", "walks"),
+    "gust": ("force",),
+    "load_dropped": ("mass_factor",),
+    "rotor_weak": (),
+}
+KINDS: Final = tuple(SETTINGS)
+# A fault's kind as a number, its index in KINDS.
 NLOS_STORM, OUTLIER_BURSTS, STUCK, ANCHOR_MOVED, ANCHORS_DYING, CLOCK_JUMP, YAW_JUMP, GYRO_BIAS = range(8)
 CAMERA_BLINDED, LANDMARK_MOVED, LANDMARK_GONE, PEOPLE, GUST, LOAD_DROPPED, ROTOR_WEAK = range(8, 15)
-KINDS: Final = (
-    *("nlos_storm", "outlier_bursts", "stuck", "anchor_moved", "anchors_dying", "clock_jump", "yaw_jump", "gyro_bias"),
-    *("camera_blinded", "landmark_moved", "landmark_gone", "people", "gust", "load_dropped", "rotor_weak"),
-)
 OWN: Final = -1
 
 
@@ -79,32 +79,9 @@ def numbered(faults: Sequence[AnyFault]) -> Iterator[Numbered]:
 
 
 def values_of_fault(fault: AnyFault) -> list[float]:
-    """Return a fault's settings without its times, as numbers; a rotor's are in wrench_table, see vehicle_faults.py."""
-    match fault:
-        case NlosStorm():
-            return [fault.share, fault.mean]
-        case OutlierBursts():
-            return [fault.every, fault.length, fault.sd]
-        case AnchorMoved():
-            return [float(fault.anchor), *fault.by]
-        case AnchorsDying():
-            return [fault.every, *map(float, fault.anchors)]
-        case ClockJump() | YawJump():
-            return [fault.by]
-        case GyroBias():
-            return [*fault.by]
-        case LandmarkMoved():
-            return [float(fault.landmark), *fault.by]
-        case LandmarkGone():
-            return [float(fault.landmark)]
-        case People():
-            said = [fault.speed, fault.radius, fault.height, fault.excess or 0.0]
-            return [*said, *(v for walk in fault.walks for v in walk)]
-        case Gust():
-            return [*fault.force]
-        case LoadDropped():
-            return [fault.mass_factor]
-    return []
+    """Return the SETTINGS of a fault as numbers, one after the other, 0 for null; none of a registered fault."""
+    values = [getattr(fault, name) for name in SETTINGS.get(fault.kind, ())]
+    return [float(v or 0.0) for its in values for v in np.ravel(its)]
 
 
 def table_of(faults: Sequence[Numbered], values: Sequence[Sequence[float]] | None = None) -> FaultTable:

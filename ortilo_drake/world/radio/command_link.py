@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
@@ -25,7 +26,7 @@ from ortilo_drake.world.noise import stream_id, uniforms
 from ortilo_drake.world.radio.link import chain_after
 
 _BAD = 0  # the state: whether the chain is bad, the command held, then the ring of packets in flight
-_HELD = slice(1, 1 + N_U)
+_HELD = 1
 _FLYING = 1 + N_U
 _PACKET = 1 + N_U  # a packet in flight: 1 if it was sent, and the command
 
@@ -37,88 +38,63 @@ def is_lost(k: int, bad: bool, loss: np.ndarray, seed: int, stream: np.uint64) -
 
 
 @cached_njit
-def applied_command(
-    k: int,
-    state: np.ndarray,
-    u: np.ndarray,
-    loss: np.ndarray,
-    fallback: np.ndarray,
-    holds: bool,
-    seed: int,
-    stream: np.uint64,
-) -> np.ndarray:
-    """Return the control that acts over tick k (4): the arriving one, else the last (`holds`) or `fallback` (4).
-
-    u (4) is the command sent at tick k; it is not read if the link delays. The state's layout is above (_BAD). loss (4)
-    is what loss_parameters returns; seed and stream are the noise's.
-    """
-    d = (state.shape[0] - _FLYING) // _PACKET
-    if d == 0:
-        if not is_lost(k, state[_BAD] == 1.0, loss, seed, stream):
-            return u.copy()
-    else:
-        row = _FLYING + (k % d) * _PACKET
-        if state[row] == 1.0:
-            return state[row + 1 : row + _PACKET].copy()
-    return state[_HELD].copy() if holds else fallback.copy()
-
-
-@cached_njit
 def arriving(k: int, state: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64) -> int:
-    """Return the tick of the command that begins to act in tick k, -1 if none arrives; arguments as applied_command."""
+    """Return the tick of the command that begins to act in tick k, -1 if none arrives.
+
+    The state's layout is above (_BAD). loss (4) is what loss_parameters returns; seed and stream are the noise's.
+    """
     d = (state.shape[0] - _FLYING) // _PACKET
     if d == 0:
         return -1 if is_lost(k, state[_BAD] == 1.0, loss, seed, stream) else k
     return k - d if state[_FLYING + (k % d) * _PACKET] == 1.0 else -1
 
 
-@cached_njit
-def link_after(
-    k: int, state: np.ndarray, u: np.ndarray, applied: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64
-) -> np.ndarray:
-    """Return the link's state at tick k + 1. Arguments as for applied_command; `applied` is what it returned."""
-    after = state.copy()
-    bad = state[_BAD] == 1.0
-    after[_BAD] = 1.0 if chain_after(k, bad, loss, seed, stream) else 0.0
-    after[_HELD] = applied
-    d = (state.shape[0] - _FLYING) // _PACKET
-    if d:
-        row = _FLYING + (k % d) * _PACKET  # read in this tick, so free
-        after[row] = 0.0 if is_lost(k, bad, loss, seed, stream) else 1.0
-        after[row + 1 : row + _PACKET] = u
-    return after
+@register_jitable
+def put_applied(n: Any, k: int, seed: int, u: np.ndarray, link: np.ndarray, hover: np.ndarray, out: np.ndarray) -> None:
+    """Write the control that acts over tick k (4), and the sending time of the command arriving in it [s], else -1.
+
+    The control is the arriving one, else the last one or `hover`. u (4) is the command sent at tick k; it is not read
+    if the link delays.
+    """
+    sent = arriving(k, link, n.loss, seed, n.stream)
+    if sent == k:
+        put(u, out)
+    elif sent >= 0:
+        row = _FLYING + (k % (k - sent)) * _PACKET
+        put(link[row + 1 : row + _PACKET], out)
+    elif n.holds:
+        put(link[_HELD : _HELD + N_U], out)
+    else:
+        put(hover, out)
+    out[N_U] = sent * n.h if sent >= 0 else -1.0
 
 
 def link_out(
     n: Any, k: int, seed: int, control: np.ndarray, link: np.ndarray, hover: np.ndarray, out: np.ndarray
 ) -> None:
-    """Output the control that acts over tick k (4), and the sending time of the command arriving in it [s], else -1."""
-    put(applied_command(k, link, control, n.loss, hover, n.holds, seed, n.stream), out)
-    sent = arriving(k, link, n.loss, seed, n.stream)
-    out[N_U] = sent * n.h if sent >= 0 else -1.0
+    """Output the control that acts over tick k and the sending time of the arriving command (5), see put_applied."""
+    put_applied(n, k, seed, control, link, hover, out)
 
 
 def delayed_out(n: Any, k: int, seed: int, link: np.ndarray, hover: np.ndarray, out: np.ndarray) -> None:
     """Same as `link_out`, for a link that delays: no command acts in the tick in which it is sent."""
-    put(applied_command(k, link, hover, n.loss, hover, n.holds, seed, n.stream), out)
-    sent = arriving(k, link, n.loss, seed, n.stream)
-    out[N_U] = sent * n.h if sent >= 0 else -1.0
+    put_applied(n, k, seed, hover, link, hover, out)
 
 
 def link_step(n: Any, k: int, seed: int, control: np.ndarray, applied: np.ndarray, link: np.ndarray) -> None:
-    """Advance the link's state to tick k + 1, see link_after."""
-    put(link_after(k, link, control, applied, n.loss, seed, n.stream), link)
+    """Advance the link's state to tick k + 1; `applied` is the control that acted over tick k."""
+    bad = link[_BAD] == 1.0
+    link[_BAD] = 1.0 if chain_after(k, bad, n.loss, seed, n.stream) else 0.0
+    put(applied, link, _HELD)
+    d = (link.shape[0] - _FLYING) // _PACKET
+    if d:
+        row = _FLYING + (k % d) * _PACKET  # read in this tick, so free
+        link[row] = 0.0 if is_lost(k, bad, n.loss, seed, n.stream) else 1.0
+        put(control, link, row + 1)
 
 
 LINK = Element("command_link", out=link_out, step=link_step, allocates=True)
 DELAYED = replace(LINK, name="delayed_command_link", out=delayed_out)
-
-
-def initial_link_state(settings: CommandLinkSettings, hover_thrust: float) -> np.ndarray:
-    """Return the link's initial state: the chain is good, hover acts, nothing is in flight."""
-    start = np.zeros(_FLYING + settings.delay * _PACKET)
-    start[_HELD] = [hover_thrust, 0.0, 0.0, 0.0]
-    return start
 
 
 def command_link_box(settings: CommandLinkSettings, hover_thrust: float, h: float) -> Box:
@@ -128,8 +104,9 @@ def command_link_box(settings: CommandLinkSettings, hover_thrust: float, h: floa
     """
     numbers = {"loss": loss_parameters(settings.loss, h), "holds": settings.when_lost == "hold", "h": h}
     numbers |= {"stream": stream_id("link/command")}
-    tables = {"hover": np.array([hover_thrust, 0.0, 0.0, 0.0])}
-    given = Values(numbers, start={"link": initial_link_state(settings, hover_thrust)}, tables=tables)
+    link = np.zeros(_FLYING + settings.delay * _PACKET)  # the chain is good, hover acts, nothing is in flight
+    link[_HELD] = hover_thrust
+    given = Values(numbers, {"link": link}, {"hover": np.array([hover_thrust, 0.0, 0.0, 0.0])})
     parts = {"applied": (0, N_U), "stamp": (N_U, 1)}
     element = DELAYED if settings.delay else LINK
     return Box("command_link", element, N_U + 1, given, reads={"applied": "command_link.applied"}, parts=parts)

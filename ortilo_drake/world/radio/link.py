@@ -58,21 +58,11 @@ def delay_of_message(
 
 
 @register_jitable
-def delay_of_tick(
-    k: int,
-    every: int,
-    p_WB: np.ndarray,
-    bad: bool,
-    loss: np.ndarray,
-    blackouts: np.ndarray,
-    delays: tuple[int, int],
-    seed: int,
-    stream: np.uint64,
-) -> int:
-    """Return delay_of_message at tick k; NOT_SENT if no message is due, since k is no multiple of `every`."""
-    if k % every != 0:
+def delay_of_tick(n: Any, k: int, seed: int, p_WB: np.ndarray, blackouts: np.ndarray, bad: bool) -> int:
+    """Return delay_of_message at tick k of a link with the numbers n; NOT_SENT if no message is due."""
+    if k % n.every != 0:
         return NOT_SENT
-    return delay_of_message(k, p_WB, bad, loss, blackouts, delays, seed, stream)
+    return delay_of_message(k, p_WB, bad, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
 
 
 @cached_njit(_nrt=False)
@@ -123,14 +113,14 @@ def blackout_rows(settings: Link, h: float) -> np.ndarray:
 
 def link_out(n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, out: np.ndarray) -> None:
     """Output delay_of_tick's delay [ticks] (1), NOT_SENT where no message is sent, for a link without a chain."""
-    out[0] = delay_of_tick(k, n.every, state, False, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
+    out[0] = delay_of_tick(n, k, seed, state, blackouts, False)
 
 
 def bursty_out(
     n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, bad: np.ndarray, out: np.ndarray
 ) -> None:
     """Same as `link_out`, for a link whose chain is bad or good."""
-    out[0] = delay_of_tick(k, n.every, state, bad[0] != 0.0, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
+    out[0] = delay_of_tick(n, k, seed, state, blackouts, bad[0] != 0.0)
 
 
 def bursty_step(n: Any, k: int, seed: int, bad: np.ndarray) -> None:

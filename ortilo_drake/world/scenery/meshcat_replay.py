@@ -1,11 +1,12 @@
-"""A flight drawn in Meshcat, and a logged flight as a self-contained page that plays it."""
+"""A flight drawn in Meshcat with zones on the floor, and a logged flight as a self-contained page that plays it."""
 
 import itertools
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common import MemoryFile
-from pydrake.geometry import InMemoryMesh, Mesh, Meshcat, Rgba, Sphere
+from pydrake.geometry import Box, InMemoryMesh, Mesh, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.trajectories import Trajectory
 
@@ -14,7 +15,6 @@ from ortilo_drake.model.signals import N_X, N_XBAR
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.model.vehicle import M100, Vehicle
 from ortilo_drake.world.scenery.meshcat_room import ANCHOR, aim_camera, class_color, draw_room, make_meshcat
-from ortilo_drake.world.scenery.meshcat_zones import Zone, draw_zones
 from ortilo_drake.world.scenery.obj_normals import triangles_of
 from ortilo_drake.world.scenery.vehicle_mesh import M100_MESH, vehicle_obj
 
@@ -141,6 +141,32 @@ def draw_flown(meshcat: Meshcat, points: np.ndarray, chunk: str = "") -> None:
     """Draw flown paths from rows [p_WB, estimate of p_WB] (n, 6)."""
     draw_path(meshcat, TRUE_PATH + chunk, points[:, 0:3], 0.02, TRUE)
     draw_path(meshcat, ESTIMATED_PATH + chunk, points[:, 3:6], 0.02, ESTIMATED)
+
+
+ABOVE_FLOOR = 0.012  # [m]; above the grid of the floor
+OPACITY = 0.22
+
+
+class Zone(NamedTuple):
+    """A strip of the floor."""
+
+    low: tuple[float, float]
+    """its south-western corner (x, y) [m]."""
+    high: tuple[float, float]
+    """its north-eastern corner (x, y) [m]."""
+    color: tuple[float, float, float]
+    """red, green and blue, each 0 to 1."""
+
+
+def draw_zones(meshcat: Meshcat, room: Room, zones: list[Zone]) -> None:
+    """Draw zones on a room's floor as /room/zones/NN, each a little above the one before."""
+    for i, zone in enumerate(zones):
+        low, high = np.array(zone.low), np.array(zone.high)
+        path = f"/room/zones/{i:02d}"
+        meshcat.SetObject(path, Box(*(high - low), 0.004), Rgba(*zone.color, OPACITY))
+        middle = (low + high) / 2
+        height = room.interior.min[2] + ABOVE_FLOOR + 0.006 * i
+        meshcat.SetTransform(path, RigidTransform([*middle, height]))
 
 
 FRAME_RATE = 15.0  # frame rate of a replay [Hz]

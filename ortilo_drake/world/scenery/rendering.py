@@ -6,11 +6,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from pydrake.common.value import Value
 from pydrake.geometry import (
     ClippingRange,
     ColorRenderCamera,
     DepthRange,
     DepthRenderCamera,
+    FrameId,
+    FramePoseVector,
     GeometryInstance,
     LightParameter,
     MakeRenderEngineVtk,
@@ -23,11 +26,12 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
 from ortilo_drake.model.pinhole import R_BC
 from ortilo_drake.model.room import CameraModel
+from ortilo_drake.model.signals import N_X
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.world.scenery.scene import SceneItem
 
@@ -45,11 +49,6 @@ def lamp(intensity: float, direction: Sequence[float], color: Sequence[float] = 
     return LightParameter(
         type="directional", frame="world", direction=np.array(direction), intensity=intensity, color=Rgba(*color)
     )
-
-
-def room_lamps() -> list[LightParameter]:
-    """Return the lamps that light the room in every flight."""
-    return [lamp(intensity, direction) for intensity, direction in LAMPS]
 
 
 def check_egl() -> None:
@@ -95,13 +94,13 @@ def make_scene_graph(
 ) -> SceneGraph:
     """Return a SceneGraph with a renderer in which the items stand; a landmark's label is its number.
 
-    The lamps are room_lamps() by default; the background is the colour where there is nothing. InputError if EGL is
-    missing.
+    The lamps are LAMPS by default, which light the room in every flight; the background is the colour where there is
+    nothing. InputError if EGL is missing.
     """
     check_egl()
     scene_graph = SceneGraph()
     parameters = RenderEngineVtkParams(
-        backend="EGL", lights=list(lamps or room_lamps()), default_clear_color=np.array(background)
+        backend="EGL", lights=list(lamps or [lamp(*its) for its in LAMPS]), default_clear_color=np.array(background)
     )
     scene_graph.AddRenderer(RENDERER, MakeRenderEngineVtk(parameters))
     source = scene_graph.RegisterSource("room")
@@ -166,3 +165,33 @@ def mount_camera(
     core = RenderCameraCore(RENDERER, info, ClippingRange(NEAREST, FARTHEST), RigidTransform())
     sensor.SetColorRenderCamera(context, ColorRenderCamera(core))
     sensor.SetDepthRenderCamera(context, DepthRenderCamera(core, depth.depth_range()))
+
+
+class VehiclePose(LeafSystem):
+    """The pose X_WB of the state; memoryless.
+
+    Ports:
+        state (12): x of the vehicle.
+        geometry_pose (FramePoseVector, output): X_WB of the vehicle's frame.
+
+    Args:
+        frame: id of the vehicle's frame in the SceneGraph.
+    """
+
+    def __init__(self, frame: FrameId):
+        super().__init__()
+        self.set_name("vehicle_pose")
+        self._frame = frame
+        self._state = self.DeclareVectorInputPort("state", N_X)
+        self.DeclareAbstractOutputPort(
+            "geometry_pose",
+            lambda: Value(FramePoseVector()),
+            self._calc_pose,
+            prerequisites_of_calc={self._state.ticket()},
+        )
+
+    def _calc_pose(self, context: Context, output: Value) -> None:
+        x = self._state.Eval(context)
+        poses = FramePoseVector()
+        poses.set_value(id=self._frame, value=RigidTransform(RollPitchYaw(x[3:6]), x[0:3]))
+        output.set_value(poses)

@@ -14,6 +14,7 @@ number z to the error's quantile (in units of m). Successive pictures are alike,
 z_slow + sqrt(1 - w) z_white, see projected_camera.py.
 """
 
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -110,34 +111,25 @@ class CameraCalibration(Frozen):
             raise ValueError(f"found.rate: no rates for '{OTHER}' classes")
         if tuple(sorted(errors.quantiles)) != tuple(sorted(QUANTILES)):
             raise ValueError(f"errors.quantiles: {sorted(errors.quantiles)}: must be {sorted(QUANTILES)}")
-        tables = [
-            ("found.distance", found.distance, [(f"found.rate.{name}", rate) for name, rate in found.rate.items()]),
-            (
-                "found.inside",
-                found.inside,
-                [
-                    ("found.inside_factor", found.inside_factor),
-                    ("errors.inside_growth", errors.inside_growth),
-                    ("errors.border_factor", errors.border_factor),
-                ],
-            ),
-            (
-                "found.visible",
-                found.visible,
-                [("found.visible_factor", found.visible_factor), ("errors.visible_growth", errors.visible_growth)],
-            ),
-            ("errors.size", errors.size, [("errors.center", errors.center), ("errors.extent", errors.extent)]),
-            ("errors.normal", errors.normal, [(f"errors.quantiles.{k}", q) for k, q in errors.quantiles.items()]),
-            (
-                "false_boxes.width",
-                range(len(self.false_boxes.width)),
-                [("false_boxes.height", self.false_boxes.height)],
-            ),
+        rates = {f"found.rate.{name}": rate for name, rate in found.rate.items()}
+        inside = {"found.inside_factor": found.inside_factor, "errors.inside_growth": errors.inside_growth}
+        inside |= {"errors.border_factor": errors.border_factor}
+        visible = {"found.visible_factor": found.visible_factor, "errors.visible_growth": errors.visible_growth}
+        sizes = {"errors.center": errors.center, "errors.extent": errors.extent}
+        quantiles = {f"errors.quantiles.{name}": its for name, its in errors.quantiles.items()}
+        width, heights = self.false_boxes.width, {"false_boxes.height": self.false_boxes.height}
+        tables: list[tuple[str, Sequence[float], Mapping[str, Sequence[float]]]] = [
+            ("found.distance", found.distance, rates),
+            ("found.inside", found.inside, inside),
+            ("found.visible", found.visible, visible),
+            ("errors.size", errors.size, sizes),
+            ("errors.normal", errors.normal, quantiles),
+            ("false_boxes.width", range(len(width)), heights),
         ]
         for name, knots, columns in tables:
             if len(knots) < 2 or any(b <= a for a, b in pairwise(knots)):
                 raise ValueError(f"{name}: {list(knots)}: needs two knots or more, rising")
-            for column, values in columns:
+            for column, values in columns.items():
                 if len(values) != len(knots):
                     raise ValueError(f"{column}: {len(values)} values for the {len(knots)} of {name}")
         return self

@@ -28,7 +28,7 @@ from numba.extending import register_jitable
 from scipy.special import ndtr
 
 from ortilo_drake.compiled.cached import cached_njit
-from ortilo_drake.loop.element import Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values, group_of
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import PAYLOAD, uwb_size
@@ -36,59 +36,65 @@ from ortilo_drake.scenario import Uwb
 from ortilo_drake.scenario.noise_file import UwbNoise, white_scales
 from ortilo_drake.world.drawn_truth import AtStart
 from ortilo_drake.world.noise import SlowNoise, gauss_markov, put_normals, slow_noise_after, stream_id, uniforms
-from ortilo_drake.world.sensors.uwb import put_uwb_message, ranging_settings, walls_between
+from ortilo_drake.world.sensors.uwb import Receiver, put_uwb_message, receiver_of
 
 FEATURES = 200
 NUMBERS = 8  # that draw a feature: three of z, three of chi², its phase, n
 
 
-@cached_njit
-def field_at(w: np.ndarray, u: np.ndarray, amplitude: np.ndarray, p: np.ndarray) -> float:
-    """Return the value at p (3) of a field with frequencies w (M, 3), phases u (M) and amplitudes (M)."""
-    total = 0.0 * p[0]
-    for m in range(u.size):
-        total += amplitude[m] * np.cos(w[m, 0] * p[0] + w[m, 1] * p[1] + w[m, 2] * p[2] + u[m])
-    return total
+class Day(NamedTuple):
+    """Errors of n anchors that are the same in all flights of a day: constants, and fields of M features or none."""
 
-
-class MaternField(NamedTuple):
-    """A field's frequencies (M, 3) [rad/m], phases (M) [rad] and amplitudes (M) [m], one for each feature."""
-
+    constants: np.ndarray
+    """constant error of each anchor (n) [m]."""
     w: np.ndarray
+    """frequencies (n, M, 3) [rad/m]."""
     u: np.ndarray
+    """phases (n, M) [rad]."""
     amplitude: np.ndarray
+    """amplitudes (n, M) [m]."""
 
-    def at(self, p: np.ndarray) -> np.ndarray:
-        """Return the field at places (k, 3)."""
-        return np.array([field_at(*self, place) for place in np.ascontiguousarray(p)])
+    def fields_at(self, p: np.ndarray) -> np.ndarray:
+        """Return the anchors' fields at places (k, 3) as (k, n) [m]."""
+        anchors, places = range(len(self.constants)), np.ascontiguousarray(p)
+        return np.array([[field_at(self, i, place) for i in anchors] for place in places])
 
 
-def field_of(normals: np.ndarray, length: float, sd: float) -> MaternField:
-    """Return the field of this length and standard deviation [m] that standard normal numbers (8 M) give."""
-    z, chi, phase, n = np.split(normals.reshape(-1, NUMBERS).T, (3, 6, 7))
-    w = z / length * np.sqrt(3.0 / np.sum(chi**2, axis=0))
-    amplitude = sd * np.sqrt(2.0 / n.size) * n[0]
-    return MaternField(np.ascontiguousarray(w.T), 2.0 * np.pi * ndtr(phase[0]), amplitude)
+@cached_njit
+def field_at(day: Day, i: int, p: np.ndarray) -> float:
+    """Return the value of anchor i's field at p (3) [m]."""
+    total = 0.0 * p[0]
+    for m in range(day.u.shape[1]):
+        phase = day.w[i, m, 0] * p[0] + day.w[i, m, 1] * p[1] + day.w[i, m, 2] * p[2] + day.u[i, m]
+        total += day.amplitude[i, m] * np.cos(phase)
+    return total
 
 
 NEAREST, LARGEST = 0.02, 10.0  # least height of an antenna above the floor [m], and largest growth of an error
 
 
-class Day(NamedTuple):
-    """Errors that are the same in all flights of a day: each anchor's constant (n) [m], and its field, if any."""
+def fields_of(normals: np.ndarray, length: float, sd: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return w, u and amplitude of the fields of this length and sd [m] that standard normal numbers (n, 8 M) give."""
+    z, chi, phase, number = np.split(normals.reshape(len(normals), -1, NUMBERS), (3, 6, 7), axis=2)
+    w = z / length * np.sqrt(3.0 / np.sum(chi**2, axis=2, keepdims=True))
+    amplitude = sd * np.sqrt(2.0 / number.shape[1]) * number[..., 0]
+    return w, 2.0 * np.pi * ndtr(phase[..., 0]), amplitude
 
-    constants: np.ndarray
-    fields: tuple[MaternField, ...]
+
+def no_day(noise: UwbNoise, n: int) -> Day:
+    """Return a day without errors for n anchors, with arrays of the sizes that draw_day gives."""
+    M = 0 if noise.field is None else FEATURES
+    return Day(np.zeros(n), np.zeros((n, M, 3)), np.zeros((n, M)), np.zeros((n, M)))
 
 
 def draw_day(noise: UwbNoise, n: int, draw: AtStart) -> Day:
     """Draw a day's errors for n anchors; the noise's own constants, if it has any, replace the drawn ones."""
-    drawn, field, size = noise.constants_sd * draw("fitted/constants", n), noise.field, NUMBERS * FEATURES
-    constants = drawn if noise.constants is None else np.array(noise.constants)
+    drawn, field = noise.constants_sd * draw("fitted/constants", n), noise.field
+    day = no_day(noise, n)._replace(constants=drawn if noise.constants is None else np.array(noise.constants))
     if field is None:
-        return Day(constants, ())
-    its = [draw(f"fitted/field/{i}", size) for i in range(n)]
-    return Day(constants, tuple(field_of(normals, field.length, field.sd) for normals in its))
+        return day
+    normals = np.array([draw(f"fitted/field/{i}", NUMBERS * FEATURES) for i in range(n)])
+    return Day(day.constants, *fields_of(normals, field.length, field.sd))
 
 
 def share_of_pairs(share: float) -> float:
@@ -164,13 +170,8 @@ def fitted_out(
     seed: int,
     sent: np.ndarray,
     state: np.ndarray,
-    anchors: np.ndarray,
-    bias: np.ndarray,
-    walls: np.ndarray,
-    constants: np.ndarray,
-    frequencies: np.ndarray,
-    phases: np.ndarray,
-    amplitudes: np.ndarray,
+    receiver: Receiver,
+    day: Day,
     scales: np.ndarray,
     g: np.ndarray,
     odd: np.ndarray,
@@ -181,9 +182,9 @@ def fitted_out(
     fill(out, 0.0)
     if sent[0] < 0.0:
         return
-    count = constants.size
+    count = v.size
     fill(v, 0.0)
-    put_uwb_message(out, v, state, anchors, bias, walls, n.settings, k * n.h)
+    put_uwb_message(out, v, state, receiver, k * n.h)
     put_normals(v, seed, n.stream, k)
     chance = uniforms(seed, n.chances, k, 2 * count)
     s = growth(state[2] - n.floor, n.near_floor)
@@ -196,8 +197,8 @@ def fitted_out(
             out[PAYLOAD + count + i] = 0.0
             continue
         far, white = (n.far, n.white) if odd[i] != 0.0 else (0.0, n.white * scale[i])
-        own = g[i] + field_at(frequencies[i], phases[i], amplitudes[i], state)
-        out[PAYLOAD + i] = max(out[PAYLOAD + i] + row_error(constants[i], own, s, white, far, v[i]), 0.0)
+        own = g[i] + field_at(day, i, state)
+        out[PAYLOAD + i] = max(out[PAYLOAD + i] + row_error(day.constants[i], own, s, white, far, v[i]), 0.0)
 
 
 def fitted_step(
@@ -222,13 +223,15 @@ def fitted_box(settings: Uwb, room: Room, h: float) -> Box:
     The values that a seed draws (constants, fields, the first slow errors) are zero until they are drawn.
     """
     noise, n = noise_of(settings), len(room.anchors)
-    given = given_of(noise, settings, room, lasting_of(noise, n, h), h, noise.outliers.share, (CHANCES, LASTING))
+    given = given_of(noise, room, lasting_of(noise, n, h), h, noise.outliers.share, (CHANCES, LASTING))
     given = given.updated(Values({"white": noise.white}))
-    return Box("uwb", FITTED, uwb_size(n), given, {"v": (n,)})
+    return Box("uwb", FITTED, uwb_size(n), given, {"v": (n,)}).with_groups(
+        receiver=receiver_of(settings, room), day=no_day(noise, n)
+    )
 
 
 def given_of(
-    noise: UwbNoise, settings: Uwb, room: Room, lasting: SlowNoise, h: float, share: float, streams: tuple[str, str]
+    noise: UwbNoise, room: Room, lasting: SlowNoise, h: float, share: float, streams: tuple[str, str]
 ) -> Values:
     """Return the numbers, tables and states that fitted ranges and differences share; drawn values are zero at first.
 
@@ -236,26 +239,21 @@ def given_of(
     The two streams are those of the rows' chances and of the slow errors.
     """
     begins, ends = outlier_chain(share, noise.outliers.burst)
-    numbers = {"settings": ranging_settings(settings), "far": noise.outliers.sd, "begins": begins, "ends": ends}
+    numbers: dict[str, Any] = {"far": noise.outliers.sd, "begins": begins, "ends": ends}
     numbers |= {"missing": noise.missing, "near_floor": noise.near_floor, "floor": float(room.interior.min[2]), "h": h}
     numbers |= {name: stream_id(stream) for name, stream in zip(("chances", "lasting"), streams, strict=True)}
     numbers["tails"] = stream_id(TAILS)
-    zero = np.zeros(len(room.anchors))
-    tables = {"anchors": room.anchor_positions, "bias": zero, "walls": walls_between(settings, room), "constants": zero}
-    fields = np.zeros((zero.size, 0 if noise.field is None else FEATURES, 3))
-    tables |= {"frequencies": fields, "phases": fields[..., 0], "amplitudes": fields[..., 0]}
-    tables["scales"] = white_scales(noise.freedom)
-    tables |= {"a": lasting.a, "q": lasting.q}
-    return Values(numbers | {"stream": stream_id("uwb")}, {"g": zero.copy(), "odd": zero.copy()}, tables)
+    tables = {"scales": white_scales(noise.freedom), "a": lasting.a, "q": lasting.q}
+    start = {name: np.zeros(len(room.anchors)) for name in ("g", "odd")}
+    return Values(numbers | {"stream": stream_id("uwb")}, start, tables)
 
 
 def fitted_drawn(settings: Uwb, n: int, h: float, draw: AtStart) -> Values:
     """Return the values that these draws give to the box of n anchors in a flight."""
     noise = noise_of(settings)
-    day = draw_day(noise, n, draw)
     start = {"g": lasting_of(noise, n, h).start * draw(LASTING, n)}
     start["odd"] = (ndtr(draw(ODD, n)) < noise.outliers.share).astype(float)
-    return Values(start=start, tables={"constants": day.constants} | field_tables(day))
+    return Values(start=start).updated(group_of("day", draw_day(noise, n, draw))[1])
 
 
 def noise_of(settings: Uwb) -> UwbNoise:
@@ -268,11 +266,3 @@ def lasting_of(noise: UwbNoise, n: int, h: float) -> SlowNoise:
     """Return the process of the slow errors g of n anchors."""
     time, sd = (1.0, 0.0) if noise.lasting is None else (noise.lasting.time, noise.lasting.sd)
     return gauss_markov(np.full(n, sd), time, h)
-
-
-def field_tables(day: Day) -> dict[str, np.ndarray]:
-    """Return the tables of a day's fields; none if it has none."""
-    if not day.fields:
-        return {}
-    w, u, amplitude = (np.array(part) for part in zip(*day.fields, strict=True))
-    return {"frequencies": w, "phases": u, "amplitudes": amplitude}

@@ -9,8 +9,7 @@ from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rates_about_axes, rotation_rows
 from ortilo_drake.model.placing import fill, put, sample_of
-from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, STAMP, size_of_samples
-from ortilo_drake.model.triples import Four
+from ortilo_drake.model.signals import ARRIVED, IMU_SIZE, PAYLOAD, STAMP, size_of_samples
 from ortilo_drake.model.vehicle import GRAVITY
 from ortilo_drake.scenario import Imu as ImuSettings
 from ortilo_drake.world.noise import four_normals, put_normals, stream_id
@@ -38,21 +37,16 @@ def put_imu_message(
         message[2 + i] += bias[i] + sd[i // 3] * v[i]
 
 
-@register_jitable
-def put_angles(message: np.ndarray, v: Four, x: np.ndarray, bias: np.ndarray, sd: np.ndarray, time: float) -> None:
-    """Write the angles of the imu message, without rates and specific force; v are the first numbers of its noise."""
-    message[0], message[1] = 1.0, time
-    for i in range(3):
-        message[2 + i] = x[3 + i] + (bias[i] + sd[0] * v[i])
-
-
 def angles_out(
     n: Any, k: int, seed: int, sent: np.ndarray, state: np.ndarray, bias: np.ndarray, out: np.ndarray
 ) -> None:
-    """Output the imu message of put_angles in a tick in which it is sent, else zeros."""
+    """Output the imu message without rates and specific force in a tick in which it is sent, else zeros."""
     fill(out, 0.0)
     if sent[0] >= 0.0:
-        put_angles(out, four_normals(seed, n.stream, k), state, bias, n.sd, k * n.h)
+        out[ARRIVED], out[STAMP] = 1.0, k * n.h
+        v = four_normals(seed, n.stream, k)
+        for i in range(3):
+            out[PAYLOAD + i] = state[3 + i] + (bias[i] + n.sd[0] * v[i])
 
 
 def imu_out(

@@ -20,8 +20,7 @@ from ortilo_drake.model.signals import DETECTION_SIZE, DETECTIONS_SIZE, MAX_DETE
 from ortilo_drake.scenario import Camera as CameraSettings
 from ortilo_drake.scenario.faults import AnyFault
 from ortilo_drake.world.faults.table import FaultTable, scene_at, scene_table
-from ortilo_drake.world.noise import stream_id, uniforms
-from ortilo_drake.world.persistent_noise import persistent_normals, seeds_of_nodes
+from ortilo_drake.world.noise import persistent_normals, seeds_of_nodes, stream_id, uniforms
 from ortilo_drake.world.sensors.camera_tables import Tables, look_up, tables_of
 from ortilo_drake.world.sensors.landmark_view import Surroundings, cut, surroundings, view_box, visible_share
 
@@ -138,12 +137,6 @@ def body_that_looks_ahead(x: np.ndarray, p_BC: np.ndarray, rpy: np.ndarray) -> n
     return ahead
 
 
-def noise_streams(room: Room) -> tuple[np.ndarray, np.uint64]:
-    """Return the noise stream numbers of each landmark, in the order of STREAMS (n, 4), and the one of false boxes."""
-    streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
-    return np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS)), stream_id("camera false boxes")
-
-
 def camera_out(
     n: Any,
     k: int,
@@ -181,9 +174,10 @@ def camera_box(settings: CameraSettings, room: Room, faults: tuple[AnyFault, ...
 
     It applies the scenario's faults of the scene. InputError if the file of measured errors is missing or wrong.
     """
-    streams, false_stream = noise_streams(room)
-    numbers = {"turned": np.zeros(3), "false_stream": false_stream, "h": h}
-    given = Values(numbers, tables={"labels": room.landmark_labels.astype(np.int64), "streams": streams})
+    streams = [[stream_id(f"{name} {i}") for name in STREAMS] for i in range(len(room.landmarks))]
+    numbers = {"turned": np.zeros(3), "false_stream": stream_id("camera false boxes"), "h": h}
+    tables = {"streams": np.array(streams, dtype=np.uint64).reshape(-1, len(STREAMS))}
+    given = Values(numbers, tables=tables | {"labels": room.landmark_labels.astype(np.int64)})
     return Box("camera", PROJECTED_CAMERA, DETECTIONS_SIZE, given).with_groups(
         room=surroundings(room),
         camera=room.camera.scaled_to(settings.width).constants,

@@ -20,7 +20,7 @@ import numpy as np
 from numba.extending import register_jitable
 from scipy.special import ndtr
 
-from ortilo_drake.loop.element import Box, Element, Values
+from ortilo_drake.loop.element import Box, Element, Values, group_of
 from ortilo_drake.model.geometry.line_of_sight import walls_crossed
 from ortilo_drake.model.placing import fill, put
 from ortilo_drake.model.range_pairs import AGE, ROW, THERE, VALUE, A, B, differences_size, pairs_in_turn
@@ -33,18 +33,20 @@ from ortilo_drake.world.drawn_truth import AtStart
 from ortilo_drake.world.faults.fault_element import distance_to
 from ortilo_drake.world.noise import SlowNoise, gauss_markov, put_normals, slow_noise_after, uniforms
 from ortilo_drake.world.sensors.fitted_uwb import (
+    Day,
     draw_day,
     drawn_scales,
     field_at,
-    field_tables,
     given_of,
     growth,
     lasting_of,
+    no_day,
     noise_of,
     odd_after,
     row_error,
     share_of_pairs,
 )
+from ortilo_drake.world.sensors.uwb import Receiver, receiver_of
 
 LASTING, CHANCES, ODD = "differences/lasting", "differences/chances", "differences/outliers"  # streams
 
@@ -70,13 +72,8 @@ def differences_out(
     seed: int,
     sent: np.ndarray,
     state: np.ndarray,
-    anchors: np.ndarray,
-    bias: np.ndarray,
-    walls: np.ndarray,
-    constants: np.ndarray,
-    frequencies: np.ndarray,
-    phases: np.ndarray,
-    amplitudes: np.ndarray,
+    receiver: Receiver,
+    day: Day,
     scales: np.ndarray,
     pairs: np.ndarray,
     g: np.ndarray,
@@ -101,19 +98,21 @@ def differences_out(
         is_odd = row_is_odd(n, follows, b, chance, j)
         age = n.spacing * (n.rows - 1 - j)
         p = state[:3] - age * state[6:9]
-        d_a, d_b = distance_to(p, anchors[a]), distance_to(p, anchors[b])
-        reached = max(d_a, d_b) <= n.settings[4]
+        d_a, d_b = distance_to(p, receiver.anchors[a]), distance_to(p, receiver.anchors[b])
+        reached = max(d_a, d_b) <= receiver.max_distance
         for i in pair:
-            reached = reached and walls_crossed(values_of(p), values_of(anchors[i]), walls) <= n.settings[3]
+            crossed = walls_crossed(values_of(p), values_of(receiver.anchors[i]), receiver.walls)
+            reached = reached and crossed <= receiver.most_walls
         if not reached or chance[j] < n.missing:
             continue
         s = growth(p[2] - n.floor, n.near_floor)
-        own = g[b] + field_at(frequencies[b], phases[b], amplitudes[b], p)
-        own -= g[a] + field_at(frequencies[a], phases[a], amplitudes[a], p)
-        white = np.sqrt((n.settings[0] + n.settings[1] * d_a) ** 2 + (n.settings[0] + n.settings[1] * d_b) ** 2)
+        own = g[b] + field_at(day, b, p)
+        own -= g[a] + field_at(day, a, p)
+        s_0, s_1 = receiver.s_0, receiver.s_1
+        white = np.sqrt((s_0 + s_1 * d_a) ** 2 + (s_0 + s_1 * d_b) ** 2)
         far = n.far if is_odd else 0.0
         white *= 1.0 if is_odd else scale[j]
-        constant = bias[b] + constants[b] - bias[a] - constants[a]
+        constant = receiver.bias[b] + day.constants[b] - receiver.bias[a] - day.constants[a]
         out[at + VALUE] = n.factor * (d_b - d_a + row_error(constant, own, s, white, far, v[j]))
         out[at + THERE], out[at + AGE] = 1.0, age
 
@@ -150,9 +149,10 @@ def differences_box(scenario: Scenario, room: Room) -> Box:
     noise = noise_of(uwb) if uwb.errors == "fitted" else UwbNoise(white=0.0)
     rows, share = uwb.rows(h), share_of_pairs(noise.outliers.share)
     own = {"factor": 1.0, "spacing": every * h / rows, "rows": rows, "every": every}
-    given = given_of(noise, uwb, room, _lasting(scenario, n), h, share, (CHANCES, LASTING))
+    given = given_of(noise, room, _lasting(scenario, n), h, share, (CHANCES, LASTING))
     given = given.updated(Values(own, tables={"pairs": pairs_in_turn(uwb.pairs, n)}))
-    return Box("uwb", DIFFERENCES, differences_size(rows), given, {"follows": (n,), "v": (rows,)})
+    box = Box("uwb", DIFFERENCES, differences_size(rows), given, {"follows": (n,), "v": (rows,)})
+    return box.with_groups(receiver=receiver_of(uwb, room), day=no_day(noise, n))
 
 
 def differences_drawn(scenario: Scenario, room: Room, draw: AtStart) -> Values:
@@ -162,9 +162,8 @@ def differences_drawn(scenario: Scenario, room: Room, draw: AtStart) -> Values:
     if scenario.uwb.errors != "fitted":
         return Values(start=start)
     noise = noise_of(scenario.uwb)
-    day = draw_day(noise, n, draw)
     start["odd"] = (ndtr(draw(ODD, n)) < share_of_pairs(noise.outliers.share)).astype(float)
-    return Values(start=start, tables={"constants": day.constants} | field_tables(day))
+    return Values(start=start).updated(group_of("day", draw_day(noise, n, draw))[1])
 
 
 def _lasting(scenario: Scenario, n: int) -> SlowNoise:

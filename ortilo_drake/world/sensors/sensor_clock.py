@@ -10,34 +10,28 @@ delta would need future measurements; it acts as if the onboard computer, and al
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put
 from ortilo_drake.model.signals import N_X
-from ortilo_drake.world.sensors.samples import passed_at
 from ortilo_drake.world.vehicle.continuous import PASSED
-
-
-@register_jitable
-def put_earlier_state(before: np.ndarray, x: np.ndarray, delta: float) -> None:
-    """Shift position and attitude of `before`, a copy of the state x (12), to delta [s] earlier."""
-    for i in range(6):
-        before[i] -= delta * x[6 + i]
 
 
 def delayed_state_out(n: Any, k: int, state: np.ndarray, out: np.ndarray) -> None:
     """Output the state (12) as a sensor with a clock error sees it."""
     put(state, out)
-    put_earlier_state(out, state, n.offset + n.drift * (k * n.h))
+    delta = n.offset + n.drift * (k * n.h)
+    for i in range(6):
+        out[i] -= delta * state[6 + i]
 
 
 def delayed_passed_out(n: Any, k: int, passed: np.ndarray, instants: np.ndarray, out: np.ndarray) -> None:
     """Output what has `passed` inside the last tick, with the states as a sensor with a clock error sees them."""
     put(passed, out)
     for i in range(instants.size):
-        time = (k - 1 + instants[i]) * n.h
-        put_earlier_state(out[i * PASSED : i * PASSED + N_X], passed_at(passed, i)[0], n.offset + n.drift * time)
+        at, delta = i * PASSED, n.offset + n.drift * ((k - 1 + instants[i]) * n.h)
+        for j in range(6):
+            out[at + j] -= delta * passed[at + 6 + j]
 
 
 CLOCK = Element("sensor_clock", out=delayed_state_out)

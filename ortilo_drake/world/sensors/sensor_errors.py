@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.loop.element import Box, Element, Values
 from ortilo_drake.model.placing import put, sample_of
 from ortilo_drake.model.signals import ARRIVED, PAYLOAD
@@ -55,34 +54,25 @@ def bias_of(drawn: Drawn, sensor: str, n: int) -> np.ndarray:
     return drawn.get(f"sensors.{sensor}.bias", np.zeros(n))
 
 
-@cached_njit
-def message_with_error(message: np.ndarray, factor: np.ndarray, error: np.ndarray, flagged: bool) -> np.ndarray:
-    """Return a message with c_i (y_i + e_i) in place of its payload's first n numbers y_i, if it has arrived.
-
-    If it is flagged, n flags follow these numbers, as in the uwb message: a missing number is left as it is, and the
-    others, which are distances, are at least 0.
-    """
-    found = message.copy()
-    if message[ARRIVED] == 0.0:
-        return found
-    n = len(factor)
-    for i in range(n):
-        there = not flagged or message[PAYLOAD + n + i] != 0.0
-        if there:
-            found[PAYLOAD + i] = factor[i] * (message[PAYLOAD + i] + error[i])
-        if there and flagged and found[PAYLOAD + i] < 0.0:
-            found[PAYLOAD + i] = 0.0 * found[PAYLOAD + i]
-    return found
-
-
 def errors_out(
     n: Any, message: np.ndarray, x: np.ndarray, bias: np.ndarray, factor: np.ndarray, out: np.ndarray
 ) -> None:
-    """Output a message with its lasting errors (message_with_error), applied to each of its samples."""
+    """Output a message with c_j (y_j + b_j + x_j) in place of the first numbers y_j of each sample that has arrived.
+
+    If they are flagged, as many flags follow them, as in the uwb message: a missing number is left as it is, and the
+    others, which are distances, are at least 0.
+    """
     put(message, out)
     for i in range(n.samples):
         sample = sample_of(out, i, n.samples)
-        put(message_with_error(sample, factor, bias + x, n.flagged), sample)
+        if sample[ARRIVED] == 0.0:
+            continue
+        for j in range(factor.size):
+            there = not n.flagged or sample[PAYLOAD + factor.size + j] != 0.0
+            if there:
+                sample[PAYLOAD + j] = factor[j] * (sample[PAYLOAD + j] + (bias[j] + x[j]))
+            if there and n.flagged and sample[PAYLOAD + j] < 0.0:
+                sample[PAYLOAD + j] = 0.0 * sample[PAYLOAD + j]
 
 
 ERRORS = Element("message_errors", out=errors_out, step=slow_step, allocates=True)

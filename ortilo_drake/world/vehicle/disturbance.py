@@ -3,35 +3,26 @@
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 
 from ortilo_drake.loop.element import Box, Element, Values
-from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.equations import rotation_rows
 from ortilo_drake.model.placing import put
 from ortilo_drake.scenario import Disturbance
 from ortilo_drake.world.noise import SlowNoise, put_normals, slow_step, stream_id
 
 
-@register_jitable
-def put_disturbance(
-    d: np.ndarray, force_sd: float, torque_sd: float, seed: int, stream: np.uint64, time: float, h: float
-) -> None:
-    """Write d = [force in W [N], torque in B [N m]] (6), Gaussian with these sd per axis, of one tick."""
-    put_normals(d, seed, stream, tick_of(time, h))
-    for i in range(3):
-        d[i] *= force_sd
-        d[3 + i] *= torque_sd
-
-
 def disturbance_out(n: Any, k: int, seed: int, out: np.ndarray) -> None:
-    """Output d of put_disturbance (6)."""
-    put_disturbance(out, n.force_sd, n.torque_sd, seed, n.stream, k * n.h, n.h)
+    """Output d = [force in W [N], torque in B [N m]] (6), Gaussian with these sds per axis, of one tick."""
+    put_normals(out, seed, n.stream, k)
+    for i in range(3):
+        out[i] *= n.force_sd
+        out[3 + i] *= n.torque_sd
 
 
-def disturbance_box(settings: Disturbance, h: float, stream: str = "disturbance") -> Box:
-    """Return the source of white disturbance, force in W [N] and torque in B [N m] (6), with the noise of a stream."""
-    numbers = {"force_sd": settings.sds(h)[0], "torque_sd": settings.sds(h)[1], "stream": stream_id(stream), "h": h}
+def disturbance_box(settings: Disturbance, h: float) -> Box:
+    """Return the source of white disturbance, force in W [N] and torque in B [N m] (6)."""
+    force_sd, torque_sd = settings.sds(h)
+    numbers = {"force_sd": force_sd, "torque_sd": torque_sd, "stream": stream_id("disturbance")}
     return Box("disturbance", Element("disturbance", out=disturbance_out), 6, Values(numbers))
 
 

@@ -10,7 +10,7 @@ from ortilo_drake.studies.fit.fit import fit_fields, matern
 from ortilo_drake.studies.fit.lasting import PRIOR, fit_lasting, lasting_filter, widest
 from ortilo_drake.studies.fit.sensor_errors import RangeErrors
 from ortilo_drake.studies.predict.predicted import draw_errors, numbers_of
-from ortilo_drake.world.sensors.fitted_uwb import draw_day, field_of
+from ortilo_drake.world.sensors.fitted_uwb import Day, draw_day, fields_of
 
 ANCHORS = 6
 NOISE = UwbNoise(
@@ -103,7 +103,8 @@ def test_the_intervals_hold_what_made_the_errors() -> None:
 
 def test_a_field_has_the_covariance_of_matern() -> None:
     rng, places = np.random.default_rng(5), np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 1.0, 0], [0, 0, 3.0]])
-    drawn = np.array([field_of(rng.standard_normal(400), 0.8, 0.2).at(places) for _ in range(8000)])
+    day = Day(np.zeros(8000), *fields_of(rng.standard_normal((8000, 400)), 0.8, 0.2))
+    drawn = day.fields_at(places).T
     r = np.sqrt(3.0) * np.linalg.norm(places - places[0], axis=1) / 0.8
     np.testing.assert_allclose(drawn.T @ drawn[:, 0] / 8000, 0.04 * (1 + r) * np.exp(-r), atol=0.002)
     np.testing.assert_allclose(matern(np.linalg.norm(places, axis=1), 0.8), (1 + r) * np.exp(-r))

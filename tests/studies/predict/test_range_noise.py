@@ -7,7 +7,7 @@ from scipy.stats import t as student
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.scenario.noise_file import FieldNoise, LastingNoise, NoiseFile, Outliers, UwbNoise
 from ortilo_drake.studies.predict.predicted import as_white, draw_errors, draw_outliers, lasting_errors, numbers_of
-from ortilo_drake.world.sensors.fitted_uwb import Day, draw_day
+from ortilo_drake.world.sensors.fitted_uwb import draw_day, no_day
 
 
 @pytest.mark.long
@@ -38,7 +38,7 @@ def test_noise_of_differences_is_scaled_to_ranges_and_back(fitted_on) -> None:
     other = np.where(is_difference, 1, -1)
     ranges = Ranges(np.arange(rows) * 100.0, np.zeros(rows, int), np.zeros(rows), other, np.zeros(rows, int))
     noise = UwbNoise(white=0.1, differences=fitted_on)
-    e = draw_errors(ranges, np.ones((rows, 3)), 0.0, noise, Day(np.zeros(2), ()), np.random.default_rng(4))
+    e = draw_errors(ranges, np.ones((rows, 3)), 0.0, noise, no_day(noise, 2), np.random.default_rng(4))
     single = 0.1 / np.sqrt(2.0) if fitted_on else 0.1
     assert e[~is_difference].std() == pytest.approx(single, rel=0.02)
     assert e[is_difference].std() == pytest.approx(single * np.sqrt(2.0), rel=0.02)
@@ -50,7 +50,7 @@ def test_a_heavy_tail_is_that_of_student_s_t_and_white_noise_has_its_size() -> N
     rows = 100_000
     ranges = Ranges(np.arange(rows) * 1.0, np.zeros(rows, int), np.zeros(rows), np.full(rows, -1), np.zeros(rows, int))
     noise = UwbNoise(white=0.1, freedom=2.0)
-    e = draw_errors(ranges, np.ones((rows, 3)), 0.0, noise, Day(np.zeros(2), ()), np.random.default_rng(4))
+    e = draw_errors(ranges, np.ones((rows, 3)), 0.0, noise, no_day(noise, 2), np.random.default_rng(4))
     for share in (0.3, 0.5, 0.8):  # six normals err by less far out
         assert np.quantile(np.abs(e), share) == pytest.approx(0.1 * student.ppf(0.5 + 0.5 * share, 2.0), rel=0.05)
     white = as_white(NoiseFile(uwb=noise)).uwb
@@ -64,7 +64,7 @@ def test_a_difference_has_the_errors_of_two_anchors_and_a_day_keeps_its_own() ->
         np.arange(rows) * 100.0, np.zeros(rows, int), np.zeros(rows), np.ones(rows, int), np.zeros(rows, int)
     )
     noise = UwbNoise(white=0.1, lasting=LastingNoise(time=1.0, sd=0.2), differences=True)
-    day = Day(np.array([0.5, 0.2]), ())
+    day = no_day(noise, 2)._replace(constants=np.array([0.5, 0.2]))
     place = np.tile([0.0, 0.0, 2.0], (rows, 1))
     e = draw_errors(ranges, place, 0.0, noise, day, np.random.default_rng(3))
     assert e.mean() == pytest.approx(0.3, abs=0.01)
@@ -73,6 +73,6 @@ def test_a_difference_has_the_errors_of_two_anchors_and_a_day_keeps_its_own() ->
     np.testing.assert_allclose(near - 0.3, 2.0 * (e - 0.3))  # at that height the floor doubles errors
     field = UwbNoise(white=0.1, field=FieldNoise(length=1.0, sd=0.2), constants_sd=0.1)
     one, same, other = (draw_day(field, 2, numbers_of(np.random.default_rng(seed))) for seed in (7, 7, 8))
-    assert (one.fields[0].at(place[:1]) == same.fields[0].at(place[:1])).all()
+    assert (one.fields_at(place[:1]) == same.fields_at(place[:1])).all()
     assert (one.constants != other.constants).all()
-    assert one.fields[0].at(place[:1]) != one.fields[1].at(place[:1])
+    assert len(np.unique(one.fields_at(place[:1]))) == 2

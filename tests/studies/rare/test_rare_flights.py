@@ -26,7 +26,7 @@ from ortilo_drake.studies.rare.rare_flights import Event, Rare, doubted_corridor
 from ortilo_drake.studies.rare.rare_report import APART, MORE, doubt_of, level_apart, rare_text, verdict
 from ortilo_drake.studies.rare.subset import AT_ONCE, Climb, Plan, climb, flights_of, plan_climb
 from ortilo_drake.studies.rare.under_faults import faults_of, faults_verdict, times_as_often
-from ortilo_drake.world.persistent_noise import seeds_of_nodes
+from ortilo_drake.world.noise import seeds_of_nodes
 
 SHORT = ("world.disturbance.force_density=0.0365",)
 SCENARIO = load_scenario("nominal_imu_uwb", SHORT)
