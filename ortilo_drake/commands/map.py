@@ -26,7 +26,7 @@ def map_(
     Figures of each flight are kept as Parquet. Flights already in the folder are not flown again, so an interrupted or
     killed run resumes where it stopped.
     """
-    from ortilo_drake.sensors.uwb_believed_noise import believed_noise
+    from ortilo_drake.sensors.uwb_theory import believed_noise
     from ortilo_drake.studies.maps.sweep import load_sweep, points_of, scenario_at
 
     sweep = load_sweep(sweep_file)

@@ -42,9 +42,7 @@ def range_rows(settings: Uwb, room: Room, truth: np.ndarray, seen: np.ndarray) -
             p_WB = np.ascontiguousarray(truth[ticks[k], :3])
             there[k, i] = walls_crossed(p_WB, room.anchor_positions[i], room.wall_boxes) <= most_walls
     k, i = np.nonzero(there)
-    gradients = np.zeros((len(k), N_X))
-    gradients[:, :3] = p_AB[k, i] / d[k, i, np.newaxis]
-    gradients[:, 6:9] = -settings.ages(len(room.anchors))[i, np.newaxis] * gradients[:, :3]
+    gradients = _with_velocity(p_AB[k, i] / d[k, i, np.newaxis], settings.ages(len(room.anchors))[i])
     return rows_of(ticks[k], gradients, (s_0 + s_1 * d[k, i]) ** 2 / (1.0 + 2.0 * s_1**2), i)
 
 
@@ -82,7 +80,7 @@ def difference_rows(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.
 
 
 def _with_velocity(g: np.ndarray, age: np.ndarray) -> np.ndarray:
-    """Return gradients over the states (n, 12), given gradients by position (n, 3) and the ages of packets (n) [s]."""
+    """Return gradients over the states (n, 12), given gradients by position (n, 3) and ages (n) [s]."""
     gradients = np.zeros((len(g), N_X))
     gradients[:, :3], gradients[:, 6:9] = g, -age[:, np.newaxis] * g
     return gradients

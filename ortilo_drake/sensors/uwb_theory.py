@@ -30,6 +30,8 @@ from ortilo_drake.world.sensors.fitted_uwb import noise_of
 from ortilo_drake.world.sensors.uwb import receiver_of, uwb_message
 
 STEP = 1e-4  # step of the finite differences [m]
+TOO_MUCH = 1.5  # ratio of the true noise to the filter's above which the flight warns
+AT = 5.0  # distance at which the two are compared [m]
 MISMATCHES = (
     Mismatch("range biases of sd [cm]", of_truth("uwb.bias_sd", 0.01), 5.0, (5.0,), 160.0),
     Mismatch("anchors surveyed to sd [cm]", of_truth("survey.anchors_sd", 0.01), 3.0, (5.0,), 160.0),
@@ -152,3 +154,23 @@ def left_out(scenario: Scenario) -> tuple[dict[str, bool], dict[str, bool]]:
         "uwb.fitted.field": noise.field is not None and noise.field.sd > 0.0,
         "uwb.fitted.constants_sd": noise.constants is None and noise.constants_sd > 0.0,
     }
+
+
+def believed_noise(scenario: Scenario) -> list[str]:
+    """Return a line, which begins with the setting, if the range noise exceeds the filter's and is not learned."""
+    solver, ranges = scenario.multilateration, getattr(scenario.estimator, "ranges", None)
+    key, believed = "multilateration.noise", solver.noise
+    if scenario.estimator.kind == "tight" and ranges is not None:
+        key, believed = "estimator.ranges.noise", ranges.noise
+    elif solver.noise_scale is not None:
+        return []
+    if not scenario.measures_ranges or scenario.uwb.errors != "white":
+        return []
+    (s_0, s_1), (b_0, b_1) = scenario.uwb.noise.sds, believed.sds
+    sd, thought = s_0 + s_1 * AT, b_0 + b_1 * AT
+    if sd <= TOO_MUCH * thought:
+        return []
+    mend = f"give {key} the same"
+    if believed is solver.noise and solver.method == "least_squares" and solver.exclude is None:
+        mend += ", or let --set multilateration.noise_scale=10 learn it"
+    return [f"uwb.noise: {sd:.3g} m at {AT:g} m, but the filter believes {thought:.3g} m; {mend}"]

@@ -3,7 +3,7 @@
 import pytest
 
 from ortilo_drake.scenario import load_scenario, scenario_names
-from ortilo_drake.sensors.uwb_believed_noise import believed_noise
+from ortilo_drake.sensors.uwb_theory import believed_noise
 
 NOISY = "uwb.noise.fraction=0.05"  # 0.25 m at 5 m, believed to be 0.0075 * 5 = 0.0375 m
 

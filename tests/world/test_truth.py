@@ -90,10 +90,10 @@ def test_anchors_that_are_set_range_as_those_built_and_their_biases_add(tmp_path
     scenario = world_of()
     anchors = shifted(scenario.load_room().anchor_positions)
     built = flown(world_of(room_file(tmp_path, lambda data: data.update(anchors=anchors.tolist()))))
-    moved = Values(tables={"anchors": anchors})
+    moved = Values(tables={"receiver_anchors": anchors})
     assert flown(scenario, {"uwb": moved}) == built
     bias = np.linspace(0.1, 0.5, len(anchors))
-    biased = flown(scenario, {"uwb": moved.updated(Values(tables={"bias": bias}))})
+    biased = flown(scenario, {"uwb": moved.updated(Values(tables={"receiver_bias": bias}))})
     assert [a == b for a, b in zip(biased, built, strict=True)] == [True, False, True, True] * 10
     one, other = (np.frombuffer(found[1])[2:] for found in (biased, built))
     there = other[len(anchors) :] > 0.0

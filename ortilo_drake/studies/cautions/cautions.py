@@ -21,7 +21,7 @@ from ortilo_drake.onboard.servo.lq_gain import augmented_pair, servo_gain
 from ortilo_drake.scenario import Disturbance, DisturbanceW, LqServo, Scenario
 from ortilo_drake.scenario.load import Setting
 from ortilo_drake.scenario.unread import unread_settings
-from ortilo_drake.sensors.uwb_believed_noise import believed_noise
+from ortilo_drake.sensors.uwb_theory import believed_noise
 from ortilo_drake.studies.cautions.lagging import digits, lagging
 
 

@@ -1,6 +1,5 @@
 """A flight drawn in Meshcat with zones on the floor, and a logged flight as a self-contained page that plays it."""
 
-import itertools
 from html import escape
 from typing import NamedTuple
 
@@ -9,6 +8,7 @@ from pydrake.common import MemoryFile
 from pydrake.geometry import Box, InMemoryMesh, Mesh, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.trajectories import Trajectory
+from scipy.spatial.transform import Rotation
 
 from ortilo_drake.model.room import Room
 from ortilo_drake.model.signals import N_X, N_XBAR
@@ -40,17 +40,7 @@ def pose(x: np.ndarray) -> RigidTransform:
     return RigidTransform(RollPitchYaw(x[3:6]), x[0:3])
 
 
-def _axis_rotations() -> np.ndarray:
-    """Return the 24 rotations that carry the coordinate axes into one another (24, 3, 3)."""
-    signed = (
-        np.eye(3)[list(order)] * np.array(signs)
-        for order in itertools.permutations(range(3))
-        for signs in itertools.product((-1.0, 1.0), repeat=3)
-    )
-    return np.array([S for S in signed if np.linalg.det(S) > 0])
-
-
-_AXES = _axis_rotations()
+_AXES = np.round(Rotation.create_group("O").as_matrix())  # the 24 rotations that carry the axes into each other
 
 
 def sigma_ellipsoid(P: np.ndarray, R_near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,19 +10,36 @@ from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.signals import ARRIVED, N_X, PAYLOAD, STAMP
 from ortilo_drake.world.noise import normals, stream_id
 
+Measure = Callable[[np.ndarray, np.ndarray, float], np.ndarray | list[float] | None]
 
-class SeededSystem(LeafSystem):
-    """A system of scalar type float whose noise is a function of the seed in its Context.
+
+class StateSensor(LeafSystem):
+    """A memoryless sensor of the state, of scalar type float, whose noise is a function of the seed in its Context.
+
+    Ports:
+        state (12): x of the vehicle.
+        <name> (2 + n, output): [1, t_k, payload]; zeros where the sensor gives nothing.
 
     Parameters of the Context:
         seed (abstract, int): any seed that a scenario allows; a numeric parameter could hold no more than 2^53.
 
-    The constructor's seed is the one of a default Context.
+    Args:
+        name: the sensor's name; its noise stream has that name too.
+        payload: n.
+        noises: number of standard normal numbers that a message takes.
+        measure: (true x (12), standard normal numbers, t_k [s]) -> payload (n), or None where the sensor gives nothing.
+        seed: seed of all noise in a default Context.
+        h: tick [s].
     """
 
-    def __init__(self, seed: int):
+    def __init__(self, name: str, payload: int, noises: int, measure: Measure, seed: int, h: float):
         super().__init__()
+        self.set_name(name)
         self._seed = self.DeclareAbstractParameter(Value[object](seed))
+        self._measure, self._noises, self._h, self._stream = measure, noises, h, stream_id(name)
+        self._state = self.DeclareVectorInputPort("state", N_X)
+        needs = {self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()}
+        self.DeclareVectorOutputPort(name, PAYLOAD + payload, self._calc, prerequisites_of_calc=needs)
 
     def seed_in(self, context: Context) -> int:
         """Return the seed in a context of this system."""
@@ -32,34 +49,6 @@ class SeededSystem(LeafSystem):
     def set_seed_in(self, context: Context, seed: int) -> None:
         """Set the seed in a context of this system."""
         context.get_mutable_abstract_parameter(self._seed).set_value(seed)
-
-
-Measure = Callable[[np.ndarray, np.ndarray, float], np.ndarray | list[float] | None]
-
-
-class StateSensor(SeededSystem):
-    """A memoryless sensor of the state.
-
-    Ports:
-        state (12): x of the vehicle.
-        <name> (2 + n, output): [1, t_k, payload]; zeros where the sensor gives nothing.
-
-    Args:
-        name: the sensor's name; its noise stream has that name too.
-        payload: n.
-        noises: number of standard normal numbers that a message takes.
-        measure: (true x (12), standard normal numbers, t_k [s]) -> payload (n), or None where the sensor gives nothing.
-        seed: seed of all noise.
-        h: tick [s].
-    """
-
-    def __init__(self, name: str, payload: int, noises: int, measure: Measure, seed: int, h: float):
-        super().__init__(seed)
-        self.set_name(name)
-        self._measure, self._noises, self._h, self._stream = measure, noises, h, stream_id(name)
-        self._state = self.DeclareVectorInputPort("state", N_X)
-        needs = {self._state.ticket(), self.time_ticket(), self.all_parameters_ticket()}
-        self.DeclareVectorOutputPort(name, PAYLOAD + payload, self._calc, prerequisites_of_calc=needs)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         time = context.get_time()

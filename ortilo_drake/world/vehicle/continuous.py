@@ -24,7 +24,7 @@ _STRETCH = 1.01  # by which Drake lengthens a step that would end just before an
 
 
 class Physics(NamedTuple):
-    """The forces, torques and rotors that move the vehicle."""
+    """The forces, torques and rotors that move the vehicle in a tick."""
 
     mass: float
     """m [kg]."""
@@ -42,6 +42,12 @@ class Physics(NamedTuple):
     """M of the rotors' squared speeds (4, n); (4, 0) of rotors without dynamics."""
     faults: FaultTable
     """faults of wrench_table, where the rotors have dynamics."""
+    commanded: np.ndarray
+    """commanded speeds of rotors with dynamics, held over the tick [rad/s] (n)."""
+    held: np.ndarray
+    """control of rotors without dynamics, held over the tick (4)."""
+    d: np.ndarray
+    """disturbance, held over the tick (6)."""
 
 
 def steps_a_tick(scenario: Scenario) -> int:
@@ -79,64 +85,42 @@ def put_felt(
 
 
 @register_jitable
-def put_control(
-    physics: Physics, body: np.ndarray, held: np.ndarray, t: float, u: np.ndarray, room: np.ndarray
-) -> None:
+def put_control(physics: Physics, body: np.ndarray, t: float, u: np.ndarray, room: np.ndarray) -> None:
     """Write the control u (4) that acts on the body at t [s]: the held control, or the lagging rotors' wrench."""
     if body.size == N_X:
-        put(held, u)
+        put(physics.held, u)
     else:
         put_felt(u, body[N_X:], physics.wrench, physics.mixing, physics.faults, t, room)
 
 
 @register_jitable
-def put_rates(
-    rates: np.ndarray,
-    physics: Physics,
-    body: np.ndarray,
-    commanded: np.ndarray,
-    held: np.ndarray,
-    d: np.ndarray,
-    t: float,
-    u: np.ndarray,
-    room: np.ndarray,
-) -> None:
+def put_rates(rates: np.ndarray, physics: Physics, body: np.ndarray, t: float, u: np.ndarray, room: np.ndarray) -> None:
     """Write the time derivatives of x and of the rotors' speeds at t [s] (12 + n)."""
-    put_control(physics, body, held, t, u, room)
+    put_control(physics, body, t, u, room)
     put(body[6:N_X], rates)
-    put(accelerations(body[:N_X], u, d, physics.mass, physics.inertia, physics.kinematics), rates, 6)
-    put_acceleration(rates[N_X:], body[N_X:], commanded, physics.time_constant)
+    put(accelerations(body[:N_X], u, physics.d, physics.mass, physics.inertia, physics.kinematics), rates, 6)
+    put_acceleration(rates[N_X:], body[N_X:], physics.commanded, physics.time_constant)
 
 
 @register_jitable
 def integrate(
-    physics: Physics,
-    body: np.ndarray,
-    commanded: np.ndarray,
-    held: np.ndarray,
-    d: np.ndarray,
-    start: float,
-    end: float,
-    rates: np.ndarray,
-    u: np.ndarray,
-    room: np.ndarray,
+    physics: Physics, body: np.ndarray, start: float, end: float, rates: np.ndarray, u: np.ndarray, room: np.ndarray
 ) -> None:
     """Integrate the body from start to end [s] in place: x, and the speeds of rotors with dynamics [rad/s] (12 + n).
 
-    commanded (n) are the commanded speeds of rotors with dynamics; held (4) is the control of rotors without; d (6) is
-    the disturbance. rates (4, 12 + n), u (4) and room (n + 4) are work space.
+    rates (4, 12 + n), u (4) and room (n + 4) are work space.
     """
     a, b, c, between, t = rates[0], rates[1], rates[2], rates[3], start
     while t < end:
         target = t + physics.longest_step if t + _STRETCH * physics.longest_step < end else end
         dt = target - t
-        put_rates(a, physics, body, commanded, held, d, t, u, room)
+        put_rates(a, physics, body, t, u, room)
         for i in range(body.size):
             between[i] = body[i] + dt / 2.0 * a[i]
-        put_rates(b, physics, between, commanded, held, d, t + dt / 2.0, u, room)
+        put_rates(b, physics, between, t + dt / 2.0, u, room)
         for i in range(body.size):
             between[i] = body[i] + (2.0 * dt * b[i] - dt * a[i])
-        put_rates(c, physics, between, commanded, held, d, target, u, room)
+        put_rates(c, physics, between, target, u, room)
         for i in range(body.size):
             body[i] += dt / 6.0 * a[i] + 4.0 * (dt / 6.0) * b[i] + dt / 6.0 * c[i]
         t = target
@@ -158,19 +142,20 @@ def continuous_step(
     room: np.ndarray,
 ) -> None:
     """Advance by a tick under held u and d; keep the states at these instants, shares of the tick, in between."""
-    physics = Physics(n.mass, n.inertia, n.kinematics, n.longest_step, n.time_constant, wrench, mixing, faults)
     size = N_X + mixing.shape[1]
     state, passed = body[:size], body[size:]
     commanded = commanded_speeds(control, unmixing, n.max_speed) if size > N_X else control
+    given = n.mass, n.inertia, n.kinematics, n.longest_step, n.time_constant
+    physics = Physics(*given, wrench, mixing, faults, commanded, control, disturbance)
     start = k * n.h
     for i in range(instants.size):
         time = n.h * instants[i] + k * n.h
-        integrate(physics, state, commanded, control, disturbance, start, time, rates, u, room)
-        put_control(physics, state, control, time, u, room)
+        integrate(physics, state, start, time, rates, u, room)
+        put_control(physics, state, time, u, room)
         put(state[:N_X], passed, i * PASSED)
         put(velocity_rate(state, u, disturbance, n.mass, n.kinematics), passed, i * PASSED + N_X)
         start = time
-    integrate(physics, state, commanded, control, disturbance, start, (k + 1) * n.h, rates, u, room)
+    integrate(physics, state, start, (k + 1) * n.h, rates, u, room)
 
 
 def plant_out(body: np.ndarray, out: np.ndarray) -> None:
