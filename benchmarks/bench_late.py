@@ -63,6 +63,7 @@ def late_table(reports: Iterable[LateReport]) -> list[str]:
     rows = []
     for report in reports:
         what = f"{report.scenario}, {report.control_rate:g} Hz, {_late(report.links)}"
+        what += f", flown by {report.flown_by}" if report.flown_by else ""
         for mode, found in report.modes.items():
             against = report.against[mode]["path_mse"] if mode in report.against else None
             rows.append(
@@ -123,6 +124,7 @@ def report(name: str, rate: float, links: str, flown: dict[str, list[Summary]]) 
         links=links,
         modes={mode: mode_report(mode, flown[mode]) for mode in MODES},
         against={mode: paired(flown["replay"], flown[mode]) for mode in ("ignore", "drop")},
+        flown_by="",
     )
 
 

@@ -229,5 +229,6 @@ def calibrate(
 
     seeds = range(first_seed, first_seed + flights)
     with bar("looking") as update:
-        measure(seeds, out_file, lambda done, total: update(completed=done, total=total), settings)
+        found = measure(seeds, out_file, lambda done, total: update(completed=done, total=total), settings)
+    say(f"flown by {found.source.flown_by}")
     say_written(out_file)

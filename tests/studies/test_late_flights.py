@@ -46,7 +46,8 @@ def test_the_same_seeds_in_every_mode(tmp_path: Path) -> None:
     scenario = load_scenario("nominal_imu_uwb", (*SHORT, "world.kinematics=linear"))
     told: list[str] = []
     report = late_flights(scenario, range(5), tmp_path, progress=lambda mode: told.append(mode.mode))
-    assert json.loads(json.dumps(as_data(report), allow_nan=False))["seeds"] == list(range(5))
+    data = json.loads(json.dumps(as_data(report), allow_nan=False))
+    assert (data["seeds"], data["flown_by"]) == (list(range(5)), "engine")
     assert told == list(MODES)
     modes = report.modes
     assert all(modes[mode].flights == 5 and modes[mode].lost == 0 for mode in MODES)
@@ -56,6 +57,7 @@ def test_the_same_seeds_in_every_mode(tmp_path: Path) -> None:
     assert report.against["ignore"]["estimation_mse"].better >= 4
     lines = late_table([report])
     assert len(lines) == 6
+    assert "sensors only, flown by engine" in lines[2]
     assert " of 5, p = " in lines[2]
     assert lines[4].endswith("|  |")
 

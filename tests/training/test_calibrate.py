@@ -237,6 +237,24 @@ def test_a_calibration_is_written_and_read_back(tmp_path, recovered):
     assert [path.name for path in file.parent.iterdir()] == ["calibration.yaml"]
 
 
+def test_a_calibration_says_who_flew(tmp_path, monkeypatch):
+    nothing, file = (np.empty(0, dtype=int), np.empty(0), np.empty((0, 4))), tmp_path / "x.yaml"
+    hover = {"kind": "hover", "point": [0.0, 0.0, 1.5], "duration": 0.5}
+    short = load_scenario(calibration_of.SCENARIO, (*calibration_of.GIVEN_ERRORS, ("planner", hover), ("settle", 0.0)))
+    monkeypatch.setattr(calibration_of, "load_scenario", lambda *_: short)
+    monkeypatch.setattr(calibration_of, "load_detector", lambda *_: None)
+    monkeypatch.setattr(calibration_of, "detect_in_flight", lambda room, width, x, *_: [nothing] * len(x))
+    known = known_calibration().model_dump(mode="json")
+
+    def estimated(seen, classes, size, interval, source):
+        return validate(CameraCalibration, known | {"source": source | {"landmarks_found": 1}}, "known")
+
+    monkeypatch.setattr(calibration_of, "estimate", estimated)
+    assert calibration_of.calibrate([3, 4], file).source.flown_by == "engine"
+    assert "flown_by: engine" in file.read_text()
+    assert load_calibration(MeasuredErrors()).source.flown_by == ""  # the shipped one was measured before
+
+
 def test_nothing_found_and_no_seeds_are_refused(tmp_path):
     with pytest.raises(InputError, match="seeds: none given"):
         calibration_of.calibrate([], tmp_path / "x.yaml")

@@ -9,6 +9,7 @@ import numpy as np
 import scipy  # not scipy.stats: that takes a second to import, and loads by itself when it is used
 
 from ortilo_drake.flight.ensemble import fly_many
+from ortilo_drake.flight.players import flown_by
 from ortilo_drake.flight.summary import Summary
 from ortilo_drake.model.signals import SENSORS
 from ortilo_drake.model.typed_yaml import validate
@@ -65,7 +66,7 @@ class LateReport:
     """The three modes, each flown on the same seeds, of a scenario at a control rate [Hz].
 
     links holds loss and delay, or names what stood between the halves. `against` compares 'replay' with each other
-    mode, by ERRORS.
+    mode, by ERRORS. flown_by names the players that flew, empty for flights of two processes.
     """
 
     scenario: str
@@ -74,6 +75,7 @@ class LateReport:
     links: LateLinks | str
     modes: dict[str, ModeReport]
     against: dict[str, dict[str, Pairs]]
+    flown_by: str
 
 
 # 40 ms +- 20 ms: a message sent at t_k arrives 20 to 60 ms later and is used one or two ticks later at 30 Hz, two to
@@ -107,23 +109,24 @@ def late_flights(
     links: LateLinks = AT_30_HZ,
     workers: int = 1,
     progress: Callable[[ModeReport], None] | None = None,
+    player: str = "fastest",
 ) -> LateReport:
     """Fly the same seeds in each of the modes and return how they compare.
 
     `links` replaces the loss and delay of the scenario's links; its seed and estimator.delay are not used. Flights are
-    kept in the folder `out`; 1 worker flies in this process; `progress` gets each mode's report. InputError if a flight
-    cannot be flown, or if a link is not allowed.
+    kept in the folder `out`; 1 worker flies in this process; `progress` gets each mode's report; `player` is as in
+    fly_many. InputError if a flight cannot be flown, or if a link is not allowed.
     """
-    seeds = list(seeds)
-    flown = {}
-    reports = {}
+    seeds, flown, reports = list(seeds), {}, {}
+    scenarios = {mode: late_scenario(scenario, links, mode) for mode in MODES}
     for mode in MODES:
-        flown[mode] = fly_many(late_scenario(scenario, links, mode), seeds, out, workers)
+        flown[mode] = fly_many(scenarios[mode], seeds, out, workers, player=player)
         reports[mode] = mode_report(mode, flown[mode])
         if progress:
             progress(reports[mode])
     against = {mode: paired(flown["replay"], flown[mode]) for mode in ("ignore", "drop")}
-    return LateReport(scenario.name, scenario.control_rate, seeds, links, reports, against)
+    by = flown_by(scenarios.values(), (its.player or "unknown" for of_mode in flown.values() for its in of_mode))
+    return LateReport(scenario.name, scenario.control_rate, seeds, links, reports, against, by)
 
 
 def errors_of(summaries: list[Summary], name: str) -> np.ndarray:

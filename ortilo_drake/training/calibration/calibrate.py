@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from ortilo_drake.flight.files import write_text
-from ortilo_drake.flight.flight import FlightSimulator
+from ortilo_drake.flight.players import choose, flown_by, player_of
 from ortilo_drake.model.typed_yaml import InputError, validate
 from ortilo_drake.onboard.detector.detector_network import OWN_ONNX, load_detector
 from ortilo_drake.scenario import Detector, load_scenario
@@ -96,8 +96,8 @@ def calibrate(
     camera = room.camera.scaled_to(width)
     size = camera.width, camera.height
     detect = load_detector(detector, room, size)
-    simulator = FlightSimulator(scenario)
-    states = [simulator.fly(seed)["truth"].values[::every] for seed in seeds]
+    player = player_of(scenario)
+    states = [player.fly(seed)["truth"].values[::every] for seed in seeds]
     total, done = sum(map(len, states)), 0
 
     def count() -> None:
@@ -111,6 +111,7 @@ def calibrate(
     source = {
         "scenario": SCENARIO,
         "seeds": seeds,
+        "flown_by": flown_by([scenario], [choose(scenario)]),
         "pictures": s.pictures,
         "landmarks_found": int(s.found.sum()),
         "detector": f"sha256 {hashlib.sha256(network).hexdigest()[:16]}",

@@ -35,10 +35,14 @@ Sizes = tuple[Positive, ...]
 
 
 class Source(Frozen):
-    """The source of a calibration: flights of a scenario, the pictures in them, and the detector's digest."""
+    """The source of a calibration: flights of a scenario, the pictures in them, and the detector's digest.
+
+    flown_by names the player that flew, empty in files that do not say it.
+    """
 
     scenario: str
     seeds: tuple[int, ...]
+    flown_by: str = ""
     pictures: PositiveInt
     landmarks_found: PositiveInt
     detector: str
