@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from ortilo_drake.model.room import Room
 
 
@@ -23,6 +25,11 @@ class Footprint:
     """distance by which the obstacle extends beyond its core [m]."""
     top: float
     """height of the obstacle's top [m]."""
+
+    def away(self, points: np.ndarray) -> np.ndarray:
+        """Return the distances of points (..., 2) from the obstacle (...) [m], below 0 inside of a rounded one."""
+        beyond = points - np.clip(points, self.low, self.high)
+        return np.asarray(np.hypot(beyond[..., 0], beyond[..., 1]) - self.radius)
 
 
 def footprints(room: Room) -> list[Footprint]:

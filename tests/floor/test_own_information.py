@@ -67,9 +67,9 @@ def test_its_floor_is_that_of_uwb_of_the_same_noise(beacons: Scenario) -> None:
 
 def test_the_covariance_of_its_fix_is_what_it_says(beacons: Scenario) -> None:
     x = np.array([3.0, 1.0, 1.5, *[0.0] * 9])
-    noise = fix_noise(beacons, x)
-    assert noise.there["beacons"]
-    np.testing.assert_array_equal(noise.V["beacons"], covariance(beacons, beacons.load_room(), x))
+    V, there = fix_noise(beacons, x)
+    assert there["beacons"]
+    np.testing.assert_array_equal(V["beacons"], covariance(beacons, beacons.load_room(), x))
 
 
 def test_theory_of_no_place_takes_it_in_the_middle_of_the_room(beacons: Scenario) -> None:

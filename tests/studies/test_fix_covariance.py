@@ -88,7 +88,7 @@ def test_no_landmark_in_sight_is_no_fix(pose: tuple[float, ...]) -> None:
 
 
 def test_too_few_ranges_are_no_fix() -> None:
-    assert not fix_noise(load_scenario("nominal_imu_uwb", ("uwb.max_distance=1.0",)), AT).there["uwb"]
+    assert not fix_noise(load_scenario("nominal_imu_uwb", ("uwb.max_distance=1.0",)), AT)[1]["uwb"]
 
 
 def test_attitude_covariance_is_that_of_the_steady_filter() -> None:

@@ -104,19 +104,17 @@ def _grid(
 ) -> ArrivalMap:
     """Return the map over rows and columns; neighbours in a row start from each other, rows run in parallel."""
 
-    def row(a: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        X, upper, lower = None, [], []
+    def row(a: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        X, found = None, []
         for b in columns:
             chain = chain_at(a, b)
-            point = _NO_POINT._replace(X=X) if chain is None else diagonals(model, chain, X)
-            X = point.X
-            upper.append(point.upper)
-            lower.append(point.lower)
-        return upper, lower
+            upper, lower, X = _NO_POINT._replace(X=X) if chain is None else diagonals(model, chain, X)
+            found.append((upper, lower))
+        return found
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # the compiled iteration runs without the interpreter's lock
-        upper, lower = zip(*threads.map(row, rows), strict=True)
-    return ArrivalMap(np.array(rows), np.array(columns), np.array(upper), np.array(lower))
+        bounds = np.array(list(threads.map(row, rows)))
+    return ArrivalMap(np.array(rows), np.array(columns), bounds[:, :, 0], bounds[:, :, 1])
 
 
 def independent_chain(uwb: float, camera: float) -> ArrivalChain:

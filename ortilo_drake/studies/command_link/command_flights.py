@@ -76,11 +76,11 @@ def hover_V(scenario: Scenario, p_WB: tuple[float, float, float] = POINT) -> np.
 
     InputError if a sensor that flies would give no measurement there.
     """
-    noise = fix_noise(scenario, hovering(p_WB))
-    silent = [s for s in scenario.sensors if not noise.there[s]]
+    V, there = fix_noise(scenario, hovering(p_WB))
+    silent = [s for s in scenario.sensors if not there[s]]
     if silent:
         raise InputError(f"point: {p_WB}: no measurement of {', '.join(silent)} there")
-    return np.asarray(block_diag(*noise.V.values()))
+    return np.asarray(block_diag(*V.values()))
 
 
 def hover_point(scenario: Scenario) -> tuple[float, float, float]:

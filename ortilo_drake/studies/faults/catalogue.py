@@ -29,22 +29,13 @@ class Case(NamedTuple):
     end: float | None
 
 
-class Place(NamedTuple):
-    """The flight's place in the middle of a fault, and what is around it.
+def around(scenario: Scenario, t: float) -> tuple[list[int], int, list[list[float]]]:
+    """Return what is around the planned path's place at t [s]: anchors, a landmark, and walks of people.
 
-    p_WB (3) is the position. anchors are the indices of the anchors, the nearest first. landmark is the index of the
-    nearest landmark ahead, or else of the nearest. walks (x, y, x, y) [m] are of people who cross the lines to the
-    three nearest anchors and the line ahead.
+    They are the indices of the anchors, the nearest first; the index of the nearest landmark ahead, or else of the
+    nearest; and walks (x, y, x, y) [m] that cross the lines to the three nearest anchors and the line ahead. InputError
+    if the planner is a System.
     """
-
-    p_WB: np.ndarray
-    anchors: list[int]
-    landmark: int
-    walks: list[list[float]]
-
-
-def place_at(scenario: Scenario, t: float) -> Place:
-    """Return the Place of the planned path at t [s]; InputError if the planner is a System."""
     path, room = path_of(scenario), scenario.load_room()
     p_WB = np.array(path.value(min(t, path.end_time()))[:, 0])
     anchors = [int(i) for i in np.argsort(np.linalg.norm(room.anchor_positions - p_WB, axis=1))]
@@ -59,27 +50,27 @@ def place_at(scenario: Scenario, t: float) -> Place:
         e = direction / max(float(np.linalg.norm(direction)), 1e-9)
         middle, aside = p_WB[:2] + _NEAR * e, _ASIDE * np.array([-e[1], e[0]])
         walks.append([float(round(v, 3)) for v in (*(middle - aside), *(middle + aside))])
-    return Place(p_WB, anchors, landmark, walks)
+    return anchors, landmark, walks
 
 
 def catalogue(scenario: Scenario, start: float = START, length: float = LENGTH) -> tuple[Case, ...]:
     """Return the faults that apply to a scenario's sensors and parts, from start [s] on, for length [s] if they end."""
-    place = place_at(scenario, start + 0.5 * length)
+    anchors, landmark, walks = around(scenario, start + 0.5 * length)
     passing: dict[str, dict[str, Any]] = {
         "nlos_storm": {"kind": "nlos_storm", "share": 0.5, "mean": 1.0},
         "outlier_bursts": {"kind": "outlier_bursts", "every": 0.5, "length": 0.2, "sd": 2.0},
         **{f"{sensor}_stuck": {"kind": "stuck", "sensor": sensor} for sensor in SENSORS},
         "yaw_jump": {"kind": "yaw_jump", "by": radians(15.0)},
         "camera_blinded": {"kind": "camera_blinded"},
-        "people": {"kind": "people", "walks": place.walks},
+        "people": {"kind": "people", "walks": walks},
         "gust": {"kind": "gust", "force": [0.0, 2.0, 0.0]},
     }
     lasting: dict[str, dict[str, Any]] = {
-        "anchor_moved": {"kind": "anchor_moved", "anchor": place.anchors[0], "by": [0.3, 0.0, 0.0]},
-        "anchors_dying": {"kind": "anchors_dying", "anchors": place.anchors[:6], "every": 1.0},
+        "anchor_moved": {"kind": "anchor_moved", "anchor": anchors[0], "by": [0.3, 0.0, 0.0]},
+        "anchors_dying": {"kind": "anchors_dying", "anchors": anchors[:6], "every": 1.0},
         "clock_jump": {"kind": "clock_jump", "by": 0.5},
-        "landmark_moved": {"kind": "landmark_moved", "landmark": place.landmark, "by": [0.0, 0.5, 0.0]},
-        "landmark_gone": {"kind": "landmark_gone", "landmark": place.landmark},
+        "landmark_moved": {"kind": "landmark_moved", "landmark": landmark, "by": [0.0, 0.5, 0.0]},
+        "landmark_gone": {"kind": "landmark_gone", "landmark": landmark},
         "gyro_bias": {"kind": "gyro_bias", "by": [0.01, 0.01, 0.01]},
         "load_dropped": {"kind": "load_dropped", "mass_factor": 0.9},
         "rotor_weak": {"kind": "rotor_weak", "rotor": 0, "factor": 0.8},

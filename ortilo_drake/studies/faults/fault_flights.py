@@ -201,10 +201,9 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     """Return the row of a fault and the named scenario, from courses of the same seeds with and without the fault."""
     pairs = [(a, b) for a, b in zip(courses, without, strict=True) if a.lost is None and b.lost is None]
     lost = _lost(courses)
-    share = share_interval(lost, len(courses))
+    known = case.name, scenario, len(courses), lost, share_interval(lost, len(courses))
     if not pairs:
-        none = (None, None, None, None, False, False, False, case.fault)
-        return FaultRow(case.name, scenario, len(courses), lost, share, *none)
+        return FaultRow(*known, None, None, None, None, False, False, False, case.fault)
     square, calm, nees = map(np.array, zip(*((a.square, b.square, a.nees) for a, b in pairs), strict=True))
     first = round(case.start / BIN)
     last = round((case.start + KNOWN if case.end is None else case.end) / BIN)
@@ -217,9 +216,7 @@ def row_of(scenario: str, case: Case, courses: Sequence[Course], without: Sequen
     good_during = during.ratio <= PASSES or during.nees <= WITHIN_3_SIGMA
     good_after = after.ratio <= PASSES
     verdict = good_during, good_after, lost == 0 and good_during and good_after
-    return FaultRow(
-        case.name, scenario, len(courses), lost, share, before, during, after, recovery, *verdict, case.fault
-    )
+    return FaultRow(*known, before, during, after, recovery, *verdict, case.fault)
 
 
 def _phase(square: np.ndarray, calm: np.ndarray, nees: np.ndarray, lost: int) -> Phase:

@@ -10,7 +10,7 @@ maximised; rows that are probably outliers are left out.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
@@ -36,14 +36,7 @@ SIZES = (0.4, 0.1)  # step sizes of the searches, in logarithms
 LIMITS = ((0.05, 20.0), (1e-3, 5.0), (0.02, 60.0), (1e-3, 5.0), (1e-3, 5.0))
 
 
-class Fields(NamedTuple):
-    """The field's length and deviation [m], the lasting error's time constant [s] and deviation, the white one [m]."""
-
-    length: Interval
-    sd: Interval
-    time: Interval
-    lasting_sd: Interval
-    white: Interval
+Figures = dict[str, Interval]
 
 
 def matern(d: np.ndarray, length: float) -> np.ndarray:
@@ -58,8 +51,11 @@ def fit_fields(
     n: int,
     start: tuple[float, float, float],
     rows: int = ROWS,
-) -> Fields:
-    """Return the fit to the errors of all recordings, for n anchors.
+) -> Figures:
+    """Return the fit to the errors of all recordings, for n anchors, by place in NOISE.yaml.
+
+    It has the field's length and deviation [m], the lasting error's time constant [s] and deviation [m], and the white
+    deviation [m].
 
     `outlier` has for each recording the rows' probabilities of being outliers. `start` is a fit without a field: time
     constant [s] and deviation of the lasting error, and the white deviation [m]. The fit uses at most `rows` rows.
@@ -85,10 +81,11 @@ def fit_fields(
     time, lasting, white = start
     first = np.log([1.0, 0.7 * lasting, time, 0.7 * lasting, white])
     logs = greatest(likelihood, first, LIMITS, SIZES)
-    return Fields(*(log_interval(at, sd) for at, sd in zip(logs, deviations(likelihood, logs), strict=True)))
+    names = "uwb.field.length", "uwb.field.sd", "uwb.lasting.time", "uwb.lasting.sd", "uwb.white"
+    ends = zip(logs, deviations(likelihood, logs), strict=True)
+    return {name: log_interval(at, sd) for name, (at, sd) in zip(names, ends, strict=True)}
 
 
-Figures = dict[str, Interval]
 DIGITS = 3
 
 
@@ -121,13 +118,10 @@ def fit_recordings(
     figures: Figures = {"uwb.white": lasting.white, "uwb.lasting.time": lasting.time, "uwb.lasting.sd": lasting.sd}
     if lasting.freedom is not None:
         figures["uwb.freedom"] = lasting.freedom
-    field = None
     if places:
         say("errors of places")
-        found = fit_fields(errors, lasting.outlier, n, (lasting.time.value, lasting.sd.value, lasting.white.value))
-        figures |= {"uwb.field.length": found.length, "uwb.field.sd": found.sd}
-        figures |= {"uwb.lasting.time": found.time, "uwb.lasting.sd": found.lasting_sd, "uwb.white": found.white}
-        field = FieldNoise(length=_short(found.length.value), sd=_short(found.sd.value))
+        start = lasting.time.value, lasting.sd.value, lasting.white.value
+        figures |= fit_fields(errors, lasting.outlier, n, start)
     at = {name: _short(figure.value) for name, figure in figures.items()}
     known = [None if c is None else c.value for c in lasting.constants]
     figures |= {f"uwb.constants.{i}": c for i, c in enumerate(lasting.constants) if c is not None}
@@ -136,7 +130,7 @@ def fit_recordings(
         white=at["uwb.white"],
         freedom=at.get("uwb.freedom"),
         lasting=LastingNoise(time=at["uwb.lasting.time"], sd=at["uwb.lasting.sd"]),
-        field=field,
+        field=FieldNoise(length=at["uwb.field.length"], sd=at["uwb.field.sd"]) if places else None,
         outliers=_outliers(errors, lasting, figures),
         constants_sd=_short(float(np.sqrt(np.mean([c**2 for c in known if c is not None])))),
         constants=None if None in known else tuple(_short(c) for c in known if c is not None),

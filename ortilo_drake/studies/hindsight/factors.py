@@ -89,20 +89,14 @@ class Moving(NamedTuple):
     """body rates (3) [rad/s]."""
 
 
-class Landmark(NamedTuple):
-    """A landmark for the prediction of boxes: its surveyed position in W (3), and its outline, see model/pinhole.py."""
-
-    position: np.ndarray
-    outline: np.ndarray
-
-
 def box_factor(
     pose: int,
     survey: int | None,
     slow: tuple[int, np.ndarray] | None,
     moving: Moving | None,
     center: np.ndarray,
-    landmark: Landmark,
+    position: np.ndarray,
+    outline: np.ndarray,
     camera: Camera,
     noise: gtsam.noiseModel.Base,
 ) -> gtsam.CustomFactor:
@@ -117,7 +111,8 @@ def box_factor(
         slow: key of the lasting error (2) and its scale (2) [px], None without one.
         moving: keys of the camera's clock error, None without one.
         center: of the box (2) [px].
-        landmark: the landmark.
+        position: of the landmark as it was surveyed, in W (3).
+        outline: of the landmark, see model/pinhole.py.
         camera: the camera.
         noise: white noise of the box's centre.
     """
@@ -125,10 +120,8 @@ def box_factor(
     def error(_: gtsam.CustomFactor, values: gtsam.Values, H: list[np.ndarray] | None) -> np.ndarray:
         X, z, J = values.atPose3(pose), np.empty(2), np.empty((2, 6))
         R = X.rotation().matrix()
-        rpy, position = rpy_of(R), landmark.position
-        if survey is not None:
-            position = position + values.atVector(survey)
-        seen = box_center(position, landmark.outline, X.translation(), rpy, R, camera, z, J)
+        rpy, stands = rpy_of(R), position if survey is None else position + values.atVector(survey)
+        seen = box_center(stands, outline, X.translation(), rpy, R, camera, z, J)
         if not seen:
             z, J = center.copy(), np.zeros((2, 6))
         J_theta = J[:, 3:] @ inverse_rate_matrix(rpy)

@@ -31,7 +31,6 @@ from ortilo_drake.scenario import Belief
 from ortilo_drake.scenario.tight import InertialNoise, TightFilter, TightRanges
 from ortilo_drake.sensors.described import measuring
 from ortilo_drake.studies.hindsight.factors import (
-    Landmark,
     Moving,
     Process,
     Reach,
@@ -202,7 +201,8 @@ class FlightGraph:
                         (slow[i].at(k * self._h), share[0] * sds) if slow else None,
                         Moving(V(k), clock.at(k * self._h), self._w[k]) if clock else None,
                         center,
-                        Landmark(positions[i], outlines[i]),
+                        positions[i],
+                        outlines[i],
                         camera,
                         weighted(share[1] * sds, huber),
                     )

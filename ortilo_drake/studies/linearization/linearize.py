@@ -98,11 +98,10 @@ def differentiate_tick(diagram: Diagram, context: Context) -> tuple[np.ndarray, 
     n = sum(map(len, groups))
     point = np.concatenate([*groups, diagram.get_input_port().Eval(context)])
     values: np.ndarray = InitializeAutoDiff(point[:, None])[:, 0]
-    start = 0
-    for k, group in enumerate(groups):
-        context_ad.SetDiscreteState(k, values[start : start + len(group)])
-        start += len(group)
-    diagram_ad.get_input_port().FixValue(context_ad, values[n:])
+    *parts, given = np.split(values, np.cumsum([len(group) for group in groups]))
+    for k, part in enumerate(parts):
+        context_ad.SetDiscreteState(k, part)
+    diagram_ad.get_input_port().FixValue(context_ad, given)
     after = diagram_ad.EvalUniquePeriodicDiscreteUpdate(context_ad)
     AB = ExtractGradient(np.concatenate([after.value(k) for k in range(len(groups))])[:, None])
     CD = ExtractGradient(diagram_ad.get_output_port().Eval(context_ad)[:, None])
@@ -198,11 +197,10 @@ def _linear_loop(
     context = diagram.CreateDefaultContext()
     estimate, extra = _resting_estimate(scenario, x), np.zeros(len(loop.names) - N_X)
     values = np.concatenate([x, np.zeros(len(loop.world) - N_X), estimate[:N_X], extra, estimate[N_X:]])
-    start, state = 0, context.get_mutable_discrete_state()
-    for k in range(state.num_groups()):
-        end = start + state.value(k).size
-        state.set_value(k, values[start:end])
-        start = end
+    state = context.get_mutable_discrete_state()
+    sizes = [state.value(k).size for k in range(state.num_groups())]
+    for k, part in enumerate(np.split(values, np.cumsum(sizes[:-1]))):
+        state.set_value(k, part)
     diagram.get_input_port().FixValue(context, reference)
     matrices = differentiate_tick(diagram, context)
     return _named(matrices, scenario.h, loop.state_names, REFERENCE_NAMES, STATE_NAMES, loop.measurement.rows)

@@ -16,7 +16,7 @@ survey (sensors/learned_survey.py), with the rotors' drag. The predicted rms at 
 errors, as here.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -155,11 +155,11 @@ def position_moments(scenario: Scenario, V: np.ndarray, some: list[Drive], ticks
 
 
 # Entries of truth without a linear error: they scale what changes little at hover, or pass before it counts.
-FACTORS = {
-    "truth.vehicle": ("inertia_factor",),
-    "truth.imu": ("angles_factor", "rates_factor", "specific_force_factor"),
-    "truth.uwb": ("factor",),
-    "truth.camera": ("focal_factor",),
+FACTORS: dict[str, tuple[str, ...]] = {
+    "vehicle": ("inertia_factor",),
+    "imu": ("angles_factor", "rates_factor", "specific_force_factor"),
+    "uwb": ("factor",),
+    "camera": ("focal_factor",),
 }
 OTHERS = ("clock", "start")
 
@@ -170,9 +170,9 @@ def left_out(scenario: Scenario) -> list[str]:
         "world.rotors": scenario.world.rotors.kind == "first_order",
         "faults": bool(scenario.faults),
     }
-    for group, factors in _flown(scenario, FACTORS).items():
-        for name in factors:
-            found[f"{group}.{name}"] = _differs(scenario, group, name) or _differs(scenario, group, f"{name}_sd")
+    for group, factors in FACTORS.items():
+        changed = {name.removesuffix("_sd") for name in _changed(scenario, group)}
+        found |= {f"truth.{group}.{name}": name in changed for name in factors}
     found |= {f"truth.{name}": getattr(scenario.truth, name) != getattr(Truth(), name) for name in OTHERS}
     return [name for name, there in found.items() if there]
 
@@ -180,14 +180,9 @@ def left_out(scenario: Scenario) -> list[str]:
 def in_the_rms_alone(scenario: Scenario) -> list[str]:
     """Return the settings that enter the predicted rms but not the other figures."""
     found = _of_sensors(scenario, 1)
-    groups = {f"truth.{name}": FACTORS.get(f"truth.{name}", ()) for name in Truth.model_fields if name not in OTHERS}
-    for group, factors in _flown(scenario, groups).items():
-        its, usual = _group(scenario.truth, group), _group(Truth(), group)
-        if group == "truth.sensors":
-            found[group] = its != usual
-            continue
-        names = [n for n in type(its).model_fields if n.removesuffix("_sd") not in factors and not n.endswith("_time")]
-        found[group] = any(getattr(its, name) != getattr(usual, name) for name in names)
+    for group in (name for name in Truth.model_fields if name not in OTHERS):
+        changed = {name.removesuffix("_sd") for name in _changed(scenario, group) if not name.endswith("_time")}
+        found[f"truth.{group}"] = not changed.issubset(FACTORS.get(group, ()))
     return [name for name, there in found.items() if there]
 
 
@@ -200,18 +195,8 @@ def _of_sensors(scenario: Scenario, which: int) -> dict[str, bool]:
     }
 
 
-def _flown(scenario: Scenario, groups: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Return the groups of truth without those of sensors that do not fly."""
-    return {
-        group: names
-        for group, names in groups.items()
-        if (sensor := group.removeprefix("truth.")) not in SENSORS or sensor in scenario.sensors
-    }
-
-
-def _group(truth: Truth, group: str) -> Any:
-    return getattr(truth, group.removeprefix("truth."))
-
-
-def _differs(scenario: Scenario, group: str, name: str) -> bool:
-    return bool(getattr(_group(scenario.truth, group), name) != getattr(_group(Truth(), group), name))
+def _changed(scenario: Scenario, group: str) -> set[str]:
+    """Return the fields of a group of truth that are not as usual; none of a sensor that does not fly."""
+    its, usual = dict(getattr(scenario.truth, group)), dict(getattr(Truth(), group))
+    flies = group not in SENSORS or group in scenario.sensors
+    return {name for name in its | usual if its.get(name) != usual.get(name)} if flies else set()

@@ -4,19 +4,10 @@ Each sensor gives it (model/parts.py, `covariance` and `sd`); nothing is derived
 place go through the very solvers that fly.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ortilo_drake.scenario import Scenario
 from ortilo_drake.sensors.described import covariance_at, described_per_tick
-
-
-class FixNoise(NamedTuple):
-    """Covariance of each sensor's value [m^2], [rad^2], and whether the sensor gives a value; else the identity."""
-
-    V: dict[str, np.ndarray]
-    there: dict[str, bool]
 
 
 def value_noise(scenario: Scenario, name: str, x: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -28,11 +19,14 @@ def value_noise(scenario: Scenario, name: str, x: np.ndarray) -> tuple[np.ndarra
     return believed, found is not None
 
 
-def fix_noise(scenario: Scenario, x: np.ndarray) -> FixNoise:
-    """Return V_2 and which sensors measure at state x (12). Links and blackouts are left out."""
+def fix_noise(scenario: Scenario, x: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, bool]]:
+    """Return the covariance of each sensor's value [m^2], [rad^2] at state x (12), and whether the sensor gives one.
+
+    Without a value it is the identity. Links and blackouts are left out.
+    """
     V, there = {}, {}
     for name in scenario.measurement.sensors:
         V[name], there[name] = np.eye(len(scenario.measurement.C_of(name))), name in scenario.sensors
         if there[name]:
             V[name], there[name] = value_noise(scenario, name, x)
-    return FixNoise(V, there)
+    return V, there

@@ -178,15 +178,8 @@ def rare_flights(
         progress(done, total if decided else None)
 
     advance(0, 0)
-    climbs = [
-        _Job(
-            (text, event, plan, paths, scenario.seed, i),
-            plan_file.with_stem(f"{plan_file.stem}_repetition_{i}"),
-            Climb,
-            each,
-        )
-        for i in numbers
-    ]
+    files = [plan_file.with_stem(f"{plan_file.stem}_repetition_{i}") for i in numbers]
+    climbs = [_Job((text, event, plan, paths, scenario.seed, i), file, Climb, each) for i, file in enumerate(files)]
     found: list[Climb] = _run(climb_flights, climbs[:TRIED], workers, advance)
     more = climbs[TRIED:] if any(one.probability for one in found) else []
     total, decided = total - each * (len(climbs[TRIED:]) - len(more)), True

@@ -27,7 +27,6 @@ Statistical Society B 84, 2022, proposition 1) and are independent of each other
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -135,14 +134,6 @@ def _first(run: Heights, paths: int, size: int, keep: Keep, random: np.random.Ge
     return heights
 
 
-class _Above(NamedTuple):
-    """The paths' heights (n), the share of chains that accepted each step, and b of each kind of step."""
-
-    heights: np.ndarray
-    accepted: list[float]
-    b: tuple[float, float]
-
-
 def _chains(
     run: Heights,
     starts: tuple[np.ndarray, np.ndarray],
@@ -151,8 +142,11 @@ def _chains(
     fixed: bool,
     keep: Keep,
     random: np.random.Generator,
-) -> _Above:
-    """Run a chain from each start, at a level or above; unless `fixed`, b is adapted on the way and averaged."""
+) -> tuple[np.ndarray, list[float], tuple[float, float]]:
+    """Run a chain from each start, at a level or above; unless `fixed`, b is adapted on the way and averaged.
+
+    Return the paths' heights (n), the share of chains that accepted each step, and b of each kind of step.
+    """
     (paths, heights), accepted = starts, list[float]()
     used: tuple[list[float], list[float]] = [b[0]], [b[1]]
     keep(paths, heights)
@@ -173,7 +167,7 @@ def _chains(
         if not fixed:
             its.append(min(its[-1] * float(np.exp(_GAIN * (accepted[-1] - ACCEPTED))), 1.0))
     late = [float(np.exp(np.mean(np.log(its[len(its) // 2 :])))) for its in used]
-    return _Above(np.concatenate(found), accepted, (late[0], late[1]))
+    return np.concatenate(found), accepted, (late[0], late[1])
 
 
 def most_levels(least: float) -> int:
@@ -224,11 +218,9 @@ def plan_climb(
         if level is None or level >= goal:  # no path comes higher any more, or there
             break
         starts, best = best.starts(level, random), _Best(paths // CHAIN, size)
-        above = _chains(counted, starts, level, b, False, keep, random)
-        b = above.b
+        heights, _, b = _chains(counted, starts, level, b, False, keep, random)
         levels.append(level)
         steps.append(b)
-        heights = above.heights
     return Plan(tuple(levels), tuple(steps), flights, met, bool(np.any(heights >= goal)), first)
 
 
@@ -274,8 +266,8 @@ def climb(run: Heights, size: int, goal: float, plan: Plan, paths: int, seed: in
         if not kept[-1]:
             return Climb(0.0, tuple(kept), tuple(accepted), flights, met)
         starts, best, next_level = best.starts(level, random), _Best(paths // CHAIN, size), next(next_levels)
-        above = _chains(run, starts, level, b, True, keep, random)
-        heights, flights = above.heights, flights + paths - paths // CHAIN
-        accepted.append(float(np.mean(above.accepted)))
+        heights, taken, _ = _chains(run, starts, level, b, True, keep, random)
+        flights += paths - paths // CHAIN
+        accepted.append(float(np.mean(taken)))
     kept.append(float(np.mean(heights >= goal)))
     return Climb(float(np.prod(kept)), tuple(kept), tuple(accepted), flights, met)

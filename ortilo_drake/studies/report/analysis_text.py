@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from ortilo_drake.sensors.described import title_of
 from ortilo_drake.studies.arrivals.arrival_map import ArrivalReport
 from ortilo_drake.studies.command_link.command_flights import CommandCase, CommandFlights
@@ -183,26 +185,23 @@ def honesty_text(found: Honesty) -> list[str]:
 def least_rates(found: TubeReport) -> str:
     """Return a sentence with the least arrival rates that keep the tube in the corridor; empty if none do."""
     (first, a), (second, b), (_, margin) = found.rates.items()
-    enough = [
-        (rate, next((c for c, m in zip(b, row, strict=True) if m >= 0.0), None))
-        for rate, row in zip(a, margin, strict=True)
-    ]
-    least = next(((rate, other) for rate, other in enough if other is not None), None)
-    if least is None:
+    enough = np.argwhere(np.asarray(margin) >= 0.0)  # in the order of the first rate, then of the second
+    if not len(enough):
         return ""
-    start = f"The 3-sigma tube stays in the corridor from a {title_of(first)} rate of {least[0]:.3f} on, with a"
-    return f"{start} {second} rate of {least[1]:.3f} there."
+    i, j = enough[0]
+    start = f"The 3-sigma tube stays in the corridor from a {title_of(first)} rate of {a[i]:.3f} on, with a"
+    return f"{start} {second} rate of {b[j]:.3f} there."
 
 
 def tube_text(found: TubeReport) -> list[str]:
     """Return the section on the tube from tube_report."""
     lines = ["## The tube along the path", ""]
-    (first, second, _), bursts = found.rates, found.bursts
+    (first, second, _), (rates, lengths, margins) = found.rates, found.bursts.values()
     if least := least_rates(found):
         lines += [least, ""]
     longest = [
-        (rate, max((b for b, m in zip(bursts.burst_s, row, strict=True) if m >= 0.0), default=None))
-        for rate, row in zip(bursts.rate, bursts.margin, strict=True)
+        (rate, max((b for b, m in zip(lengths, row, strict=True) if m >= 0.0), default=None))
+        for rate, row in zip(rates, margins, strict=True)
     ]
     rows = [[f"{rate:.2f}", "none" if burst is None else f"{burst:.2f}"] for rate, burst in longest[::2]]
     lines += ["Longest mean burst [s] that keeps it there, by the share of the time that both links are good:", ""]

@@ -80,8 +80,7 @@ def _is_free(places: np.ndarray, room: Room) -> np.ndarray:
         free &= (np.abs(u) > a) | (np.abs(v) > b) | (np.abs(places[:, 2] - z) > c)
     for item in footprints(room):
         if item.name != "wall":
-            beyond = places[:, :2] - np.clip(places[:, :2], item.low, item.high)
-            free &= (np.hypot(*beyond.T) > item.radius) | (places[:, 2] > item.top)
+            free &= (item.away(places[:, :2]) > 0.0) | (places[:, 2] > item.top)
     return free
 
 

@@ -89,8 +89,7 @@ def floor_spots(
             label, p = classes[len(found) % len(classes)], np.array([x, y])
             size = room.landmark_size[label]
             reach = 0.5 * float(np.hypot(size[0], size[1]))
-            beyond = [np.hypot(*(p - np.clip(p, item.low, item.high))) - item.radius for item in things]
-            aside = min([*beyond, *(p - low[:2]), *(high[:2] - p)])
+            aside = min([*(item.away(p) for item in things), *(p - low[:2]), *(high[:2] - p)])
             on_path = np.hypot(*(near - p).T).min() - vehicle_radius - AWAY
             if min(aside, on_path) > reach and size[2] < high[2] - low[2]:
                 where = (round(float(x), 3), round(float(y), 3), round(float(low[2]) + size[2] / 2.0, 4))

@@ -1,6 +1,5 @@
 """The report of a sensitivity study: a table, the required knowledge, and a bar chart."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
 
@@ -42,7 +41,7 @@ def sensitivity_text(found: Sensitivity) -> str:
     rows = [*table(header, [_cells(row) for row in found.rows]), said, ""]
     if is_lost_without(found):
         return "\n".join([*lines, "## In short", "", f"- {NO_LIMITS}", "", *rows])
-    lines += [*sensitivity_summary(found, careful, TOGETHER), *rows]
+    lines += [*sensitivity_summary(found), *rows]
     if all(limit.value is None for limit in found.limits):
         lines += [ALL_BEYOND, ""]
     lines += [f"{LOST_SHARE:.0%} of the flights are lost where a mismatch alone is", ""]
@@ -119,15 +118,12 @@ def sensitivity_figure(found: Sensitivity, path: Path) -> Path:
     return path
 
 
-def sensitivity_summary(found: Sensitivity, careful: Mapping[str, float], together: str) -> list[str]:
-    """Return a summary of a study that searched limits, as a Markdown list of at most five lines.
-
-    careful has the value of each mismatch that a careful team leaves, by name; `together` names all of them at once,
-    which is left out where single ones are compared.
-    """
+def sensitivity_summary(found: Sensitivity) -> list[str]:
+    """Return a summary of a study that searched limits, as a Markdown list of at most five lines."""
+    careful = of_careful_team()
     calm = next(row for row in found.rows if row.mismatch == NONE)
     lines = [f"Without any mismatch {count(calm.lost, calm.flights)} flights are lost."]
-    alone = [limit for limit in found.limits if limit.mismatch != together]
+    alone = [limit for limit in found.limits if limit.mismatch != TOGETHER]
     known = [limit for limit in alone if limit.value]
 
     def room(limit: Limit) -> float:
@@ -144,7 +140,7 @@ def sensitivity_summary(found: Sensitivity, careful: Mapping[str, float], togeth
         )
     beyond = sum(limit.value is None for limit in alone)
     lines.append(f"{beyond} of {len(alone)} mismatches were not found to lose that many at any value flown.")
-    lines += [_together(limit) for limit in found.limits if limit.mismatch == together]
+    lines += [_together(limit) for limit in found.limits if limit.mismatch == TOGETHER]
     return ["## In short", "", *(f"- {line}" for line in lines), ""]
 
 

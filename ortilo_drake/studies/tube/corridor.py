@@ -48,14 +48,9 @@ class Margin(NamedTuple):
 
 def corridor(room: Room, vehicle: Vehicle, path: np.ndarray) -> Corridor:
     """Return the corridor about a path p_W (n, 3). Walls that end below the path count too: a tube has height."""
-    walls = [f for f in footprints(room) if f.name == "wall"]
-    low = np.array([f.low for f in walls]).reshape(-1, 2)
-    high = np.array([f.high for f in walls]).reshape(-1, 2)
-    radius = np.array([f.radius for f in walls])
-    here = path[:, np.newaxis, :2]
-    to_walls = np.linalg.norm(here - np.clip(here, low, high), axis=2) - radius - vehicle.radius
+    to_walls = [item.away(path[:, :2]) - vehicle.radius for item in footprints(room) if item.name == "wall"]
     inside = np.minimum(path - room.interior.min, room.interior.max - path)
-    distances = np.column_stack([inside[:, :2].min(axis=1), to_walls])
+    distances = np.column_stack([inside[:, :2].min(axis=1), *to_walls])
     return Corridor(distances.min(axis=1), inside[:, 2], distances.argmin(axis=1) - 1)
 
 

@@ -119,11 +119,6 @@ def _draw_points(axes: Axes, results: Sequence[PointResult], floor: float) -> li
     ]
 
 
-def _names(sensors: tuple[str, str]) -> tuple[str, str]:
-    first, second = map(title_of, sensors)
-    return first, second
-
-
 def _draw_map(
     figure: Figure, axes: Axes, second: str, margins: MarginMap, chance: ChanceGrid, results: Sequence[PointResult],
     floor: float,
@@ -151,7 +146,7 @@ def rates_figure(
     A rate of 0 is drawn at the axis.
     """
     with figure_to(path, (8.6, 6.6), _STYLE) as figure:
-        axes, (first, second) = figure.add_subplot(), _names(sensors)
+        axes, (first, second) = figure.add_subplot(), map(title_of, sensors)
         _draw_map(figure, axes, second, margins, chance, results, _NONE)
         for name in ("x", "y"):
             axis = getattr(axes, f"{name}axis")
@@ -169,7 +164,7 @@ def bursts_figure(
 ) -> Path:
     """Draw the margins over the arrival rate of both sensors and the mean length of bursts, like rates_figure."""
     with figure_to(path, (8.0, 5.8), _STYLE) as figure:
-        axes, (first, second) = figure.add_subplot(), _names(sensors)
+        axes, (first, second) = figure.add_subplot(), map(title_of, sensors)
         axes.set_facecolor(_NO_LINK)
         axes.text(
             0.01,
@@ -190,7 +185,7 @@ def bursts_figure(
 
 def plan_figure(scenario: Scenario, nominal: NominalFlight, flights: dict[Point, Sequence[Flown]], path: Path) -> Path:
     """Draw the room from above with the tube along the path and the flights, one plan for each pair of rates."""
-    names = _names(map_sensors(scenario))
+    names = [title_of(sensor) for sensor in map_sensors(scenario)]
     with figure_to(path, (9.5, 3.6 * len(flights)), _STYLE) as figure:
         for row, (pair, flown) in enumerate(flights.items()):
             axes = figure.add_subplot(len(flights), 1, row + 1)

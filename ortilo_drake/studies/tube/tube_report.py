@@ -62,24 +62,16 @@ def why_no_tube(scenario: Scenario) -> str | None:
 
 
 @dataclass(frozen=True)
-class BurstMargins:
-    """The least margin [m] of the tube over the rate of both links and their mean burst [s], NaN if no chain exists."""
-
-    rate: np.ndarray
-    burst_s: np.ndarray
-    margin: np.ndarray
-
-
-@dataclass(frozen=True)
 class TubeReport:
     """The tube's margins over rates and bursts, and the points by 'rates' and 'bursts' whose flights check the tube.
 
-    rates: the rates of the two sensors by name, and 'margin', the least margin over them [m] (first, second).
+    rates: the rates of the two sensors by name, and 'margin', the least margin over them [m] (first, second). bursts:
+    'rate' of both links, mean burst 'burst_s' [s], and 'margin', the least margin over them [m], NaN without a chain.
     flown_by names the players that flew, empty if there was no flight.
     """
 
     rates: dict[str, np.ndarray]
-    bursts: BurstMargins
+    bursts: dict[str, np.ndarray]
     flights: dict[str, list[PointResult]]
     flown_by: str
 
@@ -126,6 +118,6 @@ def tube_report(
         figures.append(plan_figure(calm, nominal, shown, figure_file(out, "tube_plan")))
     maps = (
         dict.fromkeys(sensors, RATES) | {"margin": rates.whole},
-        BurstMargins(BURST_RATES, BURST_LENGTHS, bursts.whole),
+        {"rate": BURST_RATES, "burst_s": BURST_LENGTHS, "margin": bursts.whole},
     )
     return TubeReport(*maps, results, flown_by([calm], players)), figures

@@ -15,7 +15,6 @@ from typing import Annotated, Any, Final
 import numpy as np
 import yaml
 from pydantic import Field, model_validator
-from scipy import stats
 
 from ortilo_drake.flight.intervals import share_interval
 from ortilo_drake.flight.lost import NOT_LOST
@@ -26,10 +25,10 @@ from ortilo_drake.scenario import Scenario, load_scenario
 from ortilo_drake.studies.maps.chunks import columns_of
 from ortilo_drake.studies.maps.map_flights import figures_of_points
 from ortilo_drake.studies.maps.sweep import Name, OverScenario, Range, scenario_at
+from ortilo_drake.studies.paper_tables.tables import mean_interval
 
 LOST: Final = 10.0  # cost of a lost flight [m]: no kept flight is that far from its path on average
 FIRST_STEP: Final = 0.25  # first step of CMA-ES, as a share of a range [1]
-LEVEL: Final = 0.95
 FEWEST: Final = 2  # settings that CMA-ES can search
 
 
@@ -132,10 +131,8 @@ def costs_of(figures: np.ndarray, columns: Sequence[str]) -> np.ndarray:
 def compare_costs(start: np.ndarray, found: np.ndarray) -> Judged:
     """Return the comparison of two settings by the costs of flights of the same seeds (n each)."""
     difference = found - start
-    low, high = float(difference[0]), float(difference[0])
-    if np.ptp(difference) > 0.0:
-        drawn = stats.bootstrap((difference,), np.mean, confidence_level=LEVEL, method="percentile", rng=0)
-        low, high = map(float, drawn.confidence_interval)
+    ends = mean_interval(difference) if np.ptp(difference) > 0.0 else None
+    low, high = ends or (float(difference[0]), float(difference[0]))
     counts = [int(np.sum(costs >= LOST)) for costs in (start, found)]
     lost = [(count, *share_interval(count, len(start))) for count in counts]
     return Judged(len(start), float(start.mean()), float(found.mean()), float(difference.mean()), low, high, *lost)

@@ -122,5 +122,5 @@ def test_what_comes_back_with_the_place_is_told_from_what_lasts() -> None:
     ranges = single_ranges(t, b, np.zeros(rows))
     e = draw_errors(ranges, place, 0.0, noise, draw_day(noise, 4, numbers_of(rng)), rng)
     found = fit_fields([RangeErrors(t, b, ranges.other, e, place)], [np.zeros(rows)], 4, (0.5, 0.2, 0.05), rows=500)
-    for number, true in zip(found, (0.6, 0.2, 0.5, 0.1, 0.05), strict=True):
+    for number, true in zip(found.values(), (0.6, 0.2, 0.5, 0.1, 0.05), strict=True):
         assert number.low < true < number.high

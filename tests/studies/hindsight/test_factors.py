@@ -93,14 +93,13 @@ def test_a_difference_is_that_of_two_distances_at_the_packet_s_age(clock: int | 
 def test_derivatives_of_a_box(clock: bool) -> None:
     """With a clock at 0, where what is left out of them is 0 as well."""
     camera = ROOM.camera.scaled_to(320).constants
-    position = np.array([4.0, 1.2, 1.1])
-    landmark = factors.Landmark(position, ROOM.landmark_outlines[0])
+    landmark = np.array([4.0, 1.2, 1.1]), ROOM.landmark_outlines[0]
     values = values_at(0.0)
     offset = gtsam.symbol("k", 9)
     values.insert(offset, np.array([0.02, -0.03, 0.01]))
     moving = factors.Moving(VELOCITY, CLOCK, W) if clock else None
     late = (OTHER, np.array([0.8, 1.1]))
-    factor = factors.box_factor(POSE, offset, late, moving, np.array([150.0, 90.0]), landmark, camera, UNIT[2])
+    factor = factors.box_factor(POSE, offset, late, moving, np.array([150.0, 90.0]), *landmark, camera, UNIT[2])
     said, found = derivatives(factor, values)
     assert np.abs(found).max() > 10.0
     np.testing.assert_allclose(said, found, rtol=1e-6, atol=1e-5)
@@ -108,8 +107,8 @@ def test_derivatives_of_a_box(clock: bool) -> None:
 
 def test_a_box_behind_the_camera_says_nothing() -> None:
     camera = ROOM.camera.scaled_to(320).constants
-    landmark = factors.Landmark(np.array([-4.0, 0.5, 1.0]), ROOM.landmark_outlines[0])
-    factor = factors.box_factor(POSE, None, None, None, np.array([1.0, 2.0]), landmark, camera, UNIT[2])
+    landmark = np.array([-4.0, 0.5, 1.0]), ROOM.landmark_outlines[0]
+    factor = factors.box_factor(POSE, None, None, None, np.array([1.0, 2.0]), *landmark, camera, UNIT[2])
     said, _ = factor.linearize(values_at(0.0)).jacobian()
     assert not said.any()
     assert not factor.unwhitenedError(values_at(0.0)).any()
