@@ -10,10 +10,24 @@ from functools import cache, lru_cache, partial
 from types import SimpleNamespace
 from typing import Any, Final
 
-from numba.core import base, errors, event, ir, postproc, target_extension, transforms, types, utils
+from llvmlite.ir import Block, VoidType
+from numba.core import (
+    base,
+    errors,
+    event,
+    ir,
+    lowering,
+    postproc,
+    target_extension,
+    transforms,
+    typeinfer,
+    types,
+    utils,
+)
 from numba.core.compiler import Flags
 from numba.core.runtime.context import NRTContext
 from numba.core.types import functions
+from numba.core.typing.context import BaseContext
 from numba.core.typing.npydecl import NumpyRulesArrayOperator
 from numba.extending import overload
 from numba.np import arrayobj
@@ -98,6 +112,50 @@ def type_of_call(function: functions.BaseFunction, context: Any, args: Any, kws:
     return TYPED(function, context, args, kws)  # raises an error, which tells all that it tried
 
 
+def refreshed(usual: Callable[[Any], None]) -> Callable[[Any], None]:
+    """Return what takes a context's new declarations in, as `usual` does, but looks first whether there are any."""
+    taken = dict[Any, int]()
+
+    def refresh(context: Any) -> None:
+        if taken.get(context) != _declared(context):
+            usual(context)
+            taken[context] = _declared(context)
+
+    return refresh
+
+
+def _declared(context: Any) -> int:
+    """Return the number of declarations in the registries that a context knows."""
+    registries = (*context._registries, *getattr(context, "typing_context", context)._registries)
+    return sum(len(its) for registry in registries for its in vars(registry).values() if isinstance(its, list))
+
+
+class ErrorContext:
+    """A context manager that does what new_error_context does, which is a generator; one is made per instruction."""
+
+    def __init__(self, text: str, *of: Any, **more: Any):
+        self._said, loc = (text, of, more), more.get("loc")
+        if loc is not None and not loc.filename.startswith(errors._numba_path):
+            errors.loc_info.update(more)
+
+    def __enter__(self) -> None:
+        """Do nothing."""
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        """Add what was compiled to an error of numba's."""
+        if isinstance(error, errors.NumbaError):
+            error.add_context(errors._format_msg(*self._said))
+
+
+def put_lines(block: Block, text: list[str]) -> None:
+    """Add the text of a block's instructions as Block.descr does, without a text of each in between."""
+    text.append(f"{block._format_name()}:\n")
+    for its in block.instructions:
+        text.append("  " if isinstance(its.type, VoidType) else f"  {its.get_reference()} = ")
+        its.descr(text)
+        text.append("\n")
+
+
 @cache
 def _is_held(models: Any, of: types.Type) -> bool:
     return bool(models[of].contains_nrt_meminfo())
@@ -130,6 +188,11 @@ LENT: Final = (
     (event, "start_event", partial(heard, event.start_event)),
     (event, "end_event", partial(heard, event.end_event)),
     (functions.BaseFunction, "get_call_type", type_of_call),
+    (base.BaseContext, "refresh", refreshed(base.BaseContext.refresh)),
+    (BaseContext, "refresh", refreshed(BaseContext.refresh)),
+    (lowering, "new_error_context", ErrorContext),
+    (typeinfer, "new_error_context", ErrorContext),
+    (Block, "descr", put_lines),
     (postproc.PostProcessor, "run", prepared),
     (base, "_has_loc", lru_cache(1000)(base._has_loc)),
     (ir.Inst, "_rec_list_vars", variables_in),

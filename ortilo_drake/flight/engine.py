@@ -65,6 +65,8 @@ class Engine:
         read = {name: self._signals[name] for name in ("state", "belief", "reference")}
         self._wiring = Wiring([*boxes, figures_box(bounds_of(self._room, scenario.vehicle)).with_inputs(**read)])
         self._player = self._player_of(())
+        with helpers_only_linked():  # what the draws at the start call
+            drawn_values(self._wiring, scenario, self._room, of_seed(0))
         told = scenario.measurement.sensors
         sensors = [sensor for sensor in told if sensor in scenario.sensors]
         self._log_from, self._flying = TRACE_SIZE + 1 + len(told), [told.index(sensor) for sensor in sensors]

@@ -32,6 +32,7 @@ from numba import types, uint64
 from numba.extending import intrinsic, register_jitable
 
 from ortilo_drake.compiled.cached import cached_njit
+from ortilo_drake.compiled.inlined import Calling
 from ortilo_drake.loop.plain import generic_twin_of
 from ortilo_drake.model.clock import tick_of
 from ortilo_drake.model.placing import put
@@ -169,7 +170,7 @@ def _put_drawn(values: np.ndarray, seed: int, stream: np.uint64, tick: int) -> N
                 values[at + 3] = fourth
 
 
-@cached_njit
+@cached_njit(pipeline_class=Calling)
 def normals(seed: int, stream: np.uint64, tick: int, n: int) -> np.ndarray:
     """Return n standard normal numbers that belong to this seed, stream and tick."""
     values = np.empty(n)

@@ -2,20 +2,23 @@
 
 import gc
 import math
+import re
 import sys
 from dataclasses import replace
 from operator import add
 from typing import Any
 
+import llvmlite.binding as llvm
 import numpy as np
 import pytest
+from llvmlite import ir
 from numba import njit, types
 from numba.core.compiler import Flags, run_frontend
 from numba.core.errors import TypingError
 from numba.core.event import install_recorder
 from numba.core.registry import cpu_target
 from numba.core.target_extension import jit_registry, target_registry
-from numba.extending import register_jitable
+from numba.extending import overload, register_jitable
 
 from ortilo_drake.compiled.inlined import OPTIONS, Inlined, OnlyLinked, helpers_only_linked
 from ortilo_drake.compiled.shorter import LENT, shorter_ways
@@ -183,6 +186,55 @@ def test_listeners_hear_that_passes_run_but_not_each_call_of_llvm() -> None:
         njit("float64(float64)")(shared.py_func)
     assert passes.buffer
     assert not calls.buffer
+
+
+def test_what_is_declared_after_a_compilation_is_known_to_the_next() -> None:
+    def declared_later(x: float) -> float:
+        raise NotImplementedError
+
+    with shorter_ways():
+        njit("float64(float64)")(shared.py_func)
+        overload(declared_later)(lambda x: lambda x: x + 2.0)
+        assert njit(lambda x: declared_later(x))(1.0) == 3.0
+
+
+def test_an_error_says_the_same_in_shorter_ways() -> None:
+    def wrong(x: Any) -> Any:
+        y = x + 1.0
+        return y.nothing
+
+    def said() -> str:
+        with pytest.raises(TypingError) as raised:
+            njit("float64(float64)")(wrong)
+        return re.sub(r"\x1b\[\d*m", "", str(raised.value))  # without colours
+
+    own = said()
+    assert "typing of get attribute at" in own
+    with shorter_ways():
+        assert said() == own
+
+
+def test_a_block_written_in_shorter_ways_is_the_same_code() -> None:
+    module, number = ir.Module("module"), ir.DoubleType()
+    function = ir.Function(module, ir.FunctionType(number, [number.as_pointer(), ir.IntType(64)]), "name with spaces")
+    first, second, last = (function.append_basic_block(name) for name in ("first", "the second", "last"))
+    builder = ir.IRBuilder(first)
+    builder.comment("a comment")
+    x = builder.load(function.args[0], typ=number)
+    builder.store(builder.fmul(x, number(2.0)), function.args[0])
+    builder.switch(function.args[1], second).add_case(3, last)
+    builder.position_at_end(second)
+    builder.cbranch(builder.fcmp_ordered("<", x, number(0.0)), last, second)
+    builder.position_at_end(last)
+    found = builder.phi(number)
+    found.add_incoming(x, first)
+    found.add_incoming(number(1.0), second)
+    builder.ret(builder.select(builder.fcmp_ordered(">", found, x), found, x))
+    own = str(llvm.parse_assembly(str(module)))
+    with shorter_ways():
+        text = str(module)
+    assert str(llvm.parse_assembly(text)) == own
+    assert own.count("br ") == 1
 
 
 @register_jitable
