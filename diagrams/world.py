@@ -11,7 +11,7 @@ from ortilo_drake.diagrams.wiring.truth import body_of, drawn_values, of_body, p
 from ortilo_drake.diagrams.wiring.world import is_system, sensors_boxes, world_boxes
 from ortilo_drake.loop.diagram import add_wiring
 from ortilo_drake.loop.element import Values, outside
-from ortilo_drake.loop.seeds import add_chance
+from ortilo_drake.loop.shell import add_chance
 from ortilo_drake.loop.wiring import Wiring
 from ortilo_drake.model.signals import N_U, N_X
 from ortilo_drake.model.typed_yaml import InputError

@@ -4,6 +4,7 @@ Floats run through compiled functions: of one box each function is called by its
 calls them one after the other. AutoDiffXd and Expression run through the plain source (plain.py).
 """
 
+import hashlib
 import sys
 from collections.abc import Iterable
 from typing import Any
@@ -12,14 +13,14 @@ import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.symbolic import Expression
-from pydrake.systems.framework import BasicVector_, LeafSystem_, ValueProducer
+from pydrake.systems.framework import BasicVector_, DiagramBuilder, LeafSystem_, OutputPort, ValueProducer
+from pydrake.systems.primitives import LinearSystem
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from ortilo_drake.loop.calls import PlainCalls, Reading, compiled_calls
 from ortilo_drake.loop.element import OUTSIDE, Values
 from ortilo_drake.loop.player import Memory
 from ortilo_drake.loop.raised import listen, tell
-from ortilo_drake.loop.seeds import seed_of
 from ortilo_drake.loop.source import places_of
 from ortilo_drake.loop.wiring import Wire, Wiring
 
@@ -43,7 +44,7 @@ def WiredSystem_(T: type) -> type:
 
         Parameter of the Context, abstract (player.Memory): the seed of all noise, and the boxes' numbers and tables,
         which a world that differs sets anew. A system that has another name in its Diagram than it was made with, such
-        as a second one of its kind, has other noise (seeds.py).
+        as a second one of its kind, has other noise (seed_of).
 
         Within a tick an output depends on the inputs that what it shows is made of. What is said is computed once a
         tick: other outputs and the update read it from the cache.
@@ -238,3 +239,30 @@ def _value_of(scalar: Any) -> float:
     if isinstance(scalar, AutoDiffXd):
         return float(scalar.value())
     return float(scalar.Evaluate() if isinstance(scalar, Expression) else scalar)
+
+
+def seed_of(own: int, chance: float, place: str) -> int:
+    """Return the seed of all noise of a system.
+
+    Args:
+        own: seed of the Context; returned unchanged if chance is 0 and place is empty.
+        chance: a number that Drake drew; 0 if Drake drew none.
+        place: name of the system in its Diagram; empty if the system has the name that it was made with.
+    """
+    if chance == 0.0 and not place:
+        return own
+    text = f"{own} {float(chance).hex()} {place}"
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little") >> 1
+
+
+def add_chance(builder: DiagramBuilder, h: float) -> OutputPort:
+    """Add the system by which Drake can draw the seed; return its output `chance` (1).
+
+    Drake draws no random state for systems written in Python, but does for its own LinearSystem. This one has
+    x_{k+1} = x_k with tick h [s]; x is 0 in a default Context and standard normal after SetRandomContext.
+    """
+    one, none = np.eye(1), np.zeros((1, 0))
+    chance = LinearSystem(A=one, B=none, C=one, D=none, time_period=h)
+    chance.configure_random_state(one)
+    drawn: OutputPort = builder.AddNamedSystem("chance", chance).get_output_port()
+    return drawn

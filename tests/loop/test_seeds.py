@@ -9,7 +9,7 @@ from pydrake.common import RandomGenerator
 from pydrake.systems.framework import DiagramBuilder
 
 from ortilo_drake.diagrams.imu import make_imu
-from ortilo_drake.loop.seeds import add_chance, seed_of
+from ortilo_drake.loop.shell import add_chance, seed_of
 
 H, TICKS = 1.0 / 30.0, 2000
 CORRELATED = 5.0 / np.sqrt(TICKS * 9)  # standard errors of what is not
