@@ -57,7 +57,9 @@ def render(
     seed: SeedOption = 0,
     scale: Annotated[
         float,
-        typer.Option(min=0.001, max=100.0, callback=finite, help="Number of scenes, as a multiple of our training's."),
+        typer.Option(
+            min=0.001, max=100.0, callback=finite, help="Number of scenes; 1.0 is as many as for our detector."
+        ),
     ] = 1.0,
     width: WidthOption = 320,
     workers: WorkersOption = None,
@@ -124,7 +126,10 @@ def evaluate(
     pictures: PicturesOption = PICTURES,
     seed: SeedOption = 0,
     scale: Annotated[
-        float, typer.Option(min=0.001, max=100.0, callback=finite, help="Number of scenes, as a multiple of ours.")
+        float,
+        typer.Option(
+            min=0.001, max=100.0, callback=finite, help="Number of scenes; 1.0 is as many as for our detector."
+        ),
     ] = 1.0,
     width: WidthOption = 320,
     backend: Annotated[str, typer.Option(help="auto, onnxruntime, opencv or torch.")] = "auto",
@@ -151,10 +156,10 @@ def evaluate(
         center = result.center_error_px[kind]
         error = "-" if center is None else f"{center:.2f} px"
         clear = result.map50_clear[kind]
-        out.print(f"[bold]{kind}[/bold]: mAP50 {value:.3f} ({clear:.3f} of those in clearer view), ", end="")
+        out.print(f"[bold]{kind}[/bold]: mAP50 {value:.3f} ({clear:.3f} for objects in clearer view), ", end="")
         out.print(f"median centre error {error}, ", end="")
         more = result.sets[kind]
-        out.print(f"recall {more.recall:.1%}, {more.false_boxes_per_image:.3f} false boxes an image")
+        out.print(f"recall {more.recall:.1%}, {more.false_boxes_per_image:.3f} false boxes per picture")
         for name, ap in more.ap50.items():
             say(f"  {name:14} {'-' if ap is None else format(ap, '.3f')}")
     out.print(f"{result.ms_per_frame:.1f} ms a picture on one core ({result.backend})")
@@ -181,7 +186,7 @@ def recognise(
     all_boxes = validate(Detector, look.model_dump() | {"threshold": LOWEST}, "detector")
     found = recognised(load_detector(all_boxes, room, (camera.width, camera.height)), chosen, look.threshold)
     out.print(
-        f"best score of a box on it, and pictures in which one has {look.threshold:g} or more, as flights ask",
+        f"best score of a box on the landmark; pictures with {look.threshold:g} or more, as flights need",
         soft_wrap=True,
     )
     say(f"  {'landmark':18}{'on the way':>22}{'from near':>22}")
@@ -212,7 +217,9 @@ def export(
 @detector_app.command()
 def calibrate(
     flights: Annotated[int, typer.Option(min=1, max=1000, help="Flights to measure on.")] = 4,
-    first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first flight; the tables' begin at 0.")] = 100,
+    first_seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the first flight; `ortilo tables` uses seeds from 0.")
+    ] = 100,
     network: NetworkOption = None,
     onnx: OnnxOption = None,
     out_file: Annotated[Path, typer.Option("--out", help="The calibration file.")] = Path(
@@ -228,7 +235,7 @@ def calibrate(
     from ortilo_drake.training.calibration.calibrate import calibrate as measure
 
     seeds = range(first_seed, first_seed + flights)
-    with bar("looking") as update:
+    with bar("measuring") as update:
         found = measure(seeds, out_file, lambda done, total: update(completed=done, total=total), settings)
     say(f"flown by {found.source.flown_by}")
     say_written(out_file)

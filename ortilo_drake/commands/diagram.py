@@ -16,14 +16,16 @@ def diagram(
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
     depth: Annotated[
         int,
-        typer.Option(min=1, max=3, help="1: the paper's blocks; 2: every box, in the order of a tick; 3: elements."),
+        typer.Option(
+            min=1, max=3, help="Detail. 1: the paper's blocks; 2: boxes in the order of a tick; 3: their code and data."
+        ),
     ] = 1,
-    svg: Annotated[Path | None, typer.Option(help="Draw this level as an image (.svg) instead.")] = None,
-    html: Annotated[Path | None, typer.Option(help="Write one page with all three levels, to zoom and pan.")] = None,
-    drake: Annotated[Path | None, typer.Option(help="Image of the loop as Drake draws it, with every System.")] = None,
+    svg: Annotated[Path | None, typer.Option(help="Write an .svg image of this depth instead of text.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write a page with all three depths, to zoom and pan.")] = None,
+    drake: Annotated[Path | None, typer.Option(help="Write Drake's own diagram, with every System, as .svg.")] = None,
     settings: SetOption = None,
 ) -> None:
-    """Print who reads whom in a scenario's loop: the paper's block diagram, every box, or every element."""
+    """Print the wiring of a scenario: which block, or which box of the program, reads the output of which other."""
     chosen = load_scenario(scenario, tuple(settings or ()))
     for picture in (svg, drake):
         if picture:

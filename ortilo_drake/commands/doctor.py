@@ -226,6 +226,6 @@ def doctor(json_file: JsonOption = None) -> None:
             out.print(f"        {escape(finding.mend)}", soft_wrap=True)
     write_json(json_file, [finding._asdict() for finding in findings])
     missing = [finding.name for finding in findings if not finding.is_there and finding.weight == NEEDED]
-    out.print(f"missing: {', '.join(missing)}" if missing else "all that flights need is there")
+    out.print(f"missing: {', '.join(missing)}" if missing else "everything that flights need is here")
     if missing:
         raise typer.Exit(1)

@@ -13,12 +13,14 @@ from ortilo_drake.scenario import load_scenario
 def export(
     scenario: ScenarioArgument = DEFAULT_SCENARIO,
     target: Annotated[str, typer.Option(help="Processor: cortex-m7, cortex-m4, aarch64 or x86-64.")] = "cortex-m7",
-    out: Annotated[Path, typer.Option(help="The folder to write.")] = Path("out/export"),
-    ticks: Annotated[int, typer.Option(min=1, max=100_000, help="Number of ticks in the golden vectors.")] = 300,
+    out: Annotated[Path, typer.Option(help="Folder to write.")] = Path("out/export"),
+    ticks: Annotated[
+        int, typer.Option(min=1, max=100_000, help="Number of ticks in the test's recorded inputs and outputs.")
+    ] = 300,
     precision: Annotated[str, typer.Option(help="double, or single if the processor has no doubles.")] = "double",
     settings: SetOption = None,
 ) -> None:
-    """Write a scenario's onboard half for a vehicle: object code with a C header, golden vectors and a test."""
+    """Write a scenario's onboard half for a vehicle: object code, a C header, and a test with recorded ticks."""
     chosen = load_scenario(scenario, tuple(settings or ()))
     from ortilo_drake.codegen.export import export as write_export
 

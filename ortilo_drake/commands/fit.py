@@ -48,7 +48,7 @@ def fit(
         read_files["--base"] = files_of(base, "--base")
     check_apart(read_files, {"--out": out_file, "--scenario": scenario_file, "--json": json_file})
     if scenario_file is not None and out_file.suffix not in (".yaml", ".yml"):
-        raise InputError(f"--out: {out_file}: must end in .yaml, for the scenario names it")
+        raise InputError(f"--out: {out_file}: must end in .yaml, because the scenario refers to it")
     map_ = load_map(map_file)
     read = [read_recording(path, map_) for path in recordings]  # reports wrong recordings before any fit
     terminal.say_if_compiling()

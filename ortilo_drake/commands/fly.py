@@ -32,7 +32,7 @@ def _print_flight(
             f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True
         )
     if result.lost:
-        line = "one flight does not say: `ortilo rare` does, for the same scenario and settings"
+        line = "one flight cannot tell; `ortilo rare` estimates it for the same scenario and settings"
         terminal.out.print(f"  how often           {line}", soft_wrap=True)
     if advice:
         terminal.out.print(f"  [yellow]angles, rates[/yellow]       {advice}", soft_wrap=True)
@@ -92,13 +92,14 @@ def fly(
     html: Annotated[Path | None, typer.Option(help="Write the flight as one self-contained page.")] = None,
     png: Annotated[Path | None, options.picture_option("Draw path, errors and arrivals to this file")] = None,
     video: Annotated[
-        Path | None, typer.Option(help="Draw camera, room and errors as a video, .mp4 or .gif, three times as fast.")
+        Path | None,
+        typer.Option(help="Draw camera, room and errors as a video, .mp4 or .gif, at three times the speed."),
     ] = None,
     out_file: Annotated[Path | None, typer.Option("--out", help="Write the flight's data as netCDF.")] = None,
     log: Annotated[
         Path | None, typer.Option(help="Write a log as MCAP (rosbag2, for Foxglove) to this new folder.")
     ] = None,
-    rerun: Annotated[Path | None, typer.Option(help="Write pictures, 3D and signals for Rerun, .rrd.")] = None,
+    rerun: Annotated[Path | None, typer.Option(help="Write pictures, 3D scene and signals for Rerun, .rrd.")] = None,
     json_file: options.JsonOption = None,
 ) -> None:
     """Fly one scenario; print the verdict, its errors, arrival rates and real-time factor.
@@ -108,15 +109,13 @@ def fly(
     settings = [*(settings or ()), *([] if seconds is None else [f"seconds={seconds}"])]
     chosen = load_scenario(scenario, options.with_camera(settings, camera, detector, onnx), seed)
     if (detector or onnx) and not chosen.is_rendered:
-        raise InputError(
-            f"{'--onnx' if onnx else '--detector'}: {chosen.name} flies without a camera that it could look through"
-        )
+        raise InputError(f"{'--onnx' if onnx else '--detector'}: {chosen.name} has no camera: must fly with one")
     for option, path in (("--log", log), ("--rerun", rerun)):
         if meshcat and path:
-            raise InputError(f"{option}: is written by a flight that is not shown live; leave --meshcat out")
+            raise InputError(f"{option}: cannot be combined with --meshcat: leave one of them out")
     for option, asked in (("--meshcat", meshcat), ("--log", log), ("--rerun", rerun)):
         if asked and player not in (options.PlayerName.fastest, options.PlayerName.drake):
-            raise InputError(f"--player: {player}: does not take {option}, for which 'drake' flies")
+            raise InputError(f"--player: {player}: must be drake or fastest with {option}")
     terminal.check_writable(html, video, out_file, rerun)
     # Imported only now and as needed: Drake, numba and matplotlib take seconds, and a wrong argument must fail at once.
     from ortilo_drake.flight.blackouts import in_blackout

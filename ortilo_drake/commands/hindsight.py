@@ -23,7 +23,8 @@ def hindsight(
         ),
     ] = "tight_imu_uwb",
     flights: Annotated[
-        int | None, typer.Option(min=1, max=100_000, help=f"Flights of the scenario, seeds from 0; {_FLIGHTS}.")
+        int | None,
+        typer.Option(min=1, max=100_000, help=f"Flights of the scenario, seeds from 0; by default {_FLIGHTS}."),
     ] = None,
     camera: options.CameraOption = None,
     workers: options.WorkersOption = None,

@@ -18,13 +18,15 @@ def live(
     camera: options.CameraOption = None,
     detector: options.DetectorOption = None,
     onnx: options.OnnxOption = None,
-    port: Annotated[int | None, typer.Option(min=1024, max=65535, help="Port of the page; any free one.")] = None,
+    port: Annotated[
+        int | None, typer.Option(min=1024, max=65535, help="Port of the page; by default any free port.")
+    ] = None,
     wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Take off only once the page is open.")] = True,
 ) -> None:
     """Fly in the browser and change the world meanwhile: losses, a push, the mass, goals, pause, single ticks, speed.
 
-    It takes off when the page is opened, and ends with the page's button "stop", or Ctrl-C. The page can be opened
-    on this machine only, and only by the address that is printed, which holds a new random token.
+    The vehicle takes off when the page is opened. The page's button "stop", or Ctrl-C, ends the flight. The page opens
+    on this machine only, and only by the printed address, which holds a new random token.
     """
     chosen = load_scenario(scenario, options.with_camera(settings, camera, detector, onnx), seed)
     from pydrake.trajectories import Trajectory
@@ -67,9 +69,7 @@ def live(
         with contextlib.suppress(KeyboardInterrupt), guard:
             say(f"open {guard.url} (readings on the left, controls on the right; Ctrl-C ends)")
             if wait:
-                out.print(
-                    "waiting for the page to be opened before it takes off; --no-wait takes off at once", soft_wrap=True
-                )
+                out.print("the vehicle takes off when the page is opened; --no-wait takes off at once", soft_wrap=True)
                 wait_for_page(meshcat.GetNumActiveConnections)
             with Live(console=err, refresh_per_second=8, transient=True) as shown, GoalPlanner(chosen) as planner:
                 fly_live(chosen, planner, controls.wishes, scene, show)

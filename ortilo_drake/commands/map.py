@@ -14,7 +14,7 @@ from ortilo_drake.views.pictures import figure_file
 
 def map_(
     sweep_file: Annotated[
-        Path, typer.Argument(metavar="SWEEP.yaml", help="Its axes, design and flights: docs/how_to/maps.md.")
+        Path, typer.Argument(metavar="SWEEP.yaml", help="Axes, design and flights of the map: docs/how_to/maps.md.")
     ],
     workers: WorkersOption = None,
     player: PlayerOption = PlayerName.fastest,

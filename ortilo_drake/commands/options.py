@@ -39,7 +39,10 @@ def _of_workers(number: int | None) -> int | None:
 
 
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, max=1024, callback=_of_workers, help="Worker processes; by default all cores.")
+    int | None,
+    typer.Option(
+        min=1, max=1024, callback=_of_workers, help="Number of worker processes; by default one for each core."
+    ),
 ]
 
 
@@ -133,12 +136,12 @@ def with_camera(
     files = dict(zip(("cfg", "weights"), detector, strict=True)) if detector else {}
     if onnx is not None:
         if detector is not None:
-            raise InputError("--onnx, --detector: give one of them")
+            raise InputError("--onnx, --detector: give only one of them")
         files = {"onnx": onnx}
     if files:
         option = "--onnx" if onnx else "--detector"
         if camera is Camera.projected:
-            raise InputError(f"{option}: looks at pictures, which --camera projected does not draw")
+            raise InputError(f"{option}: needs pictures, which --camera projected does not draw")
         chosen.append("camera.kind=rendered")
         chosen += [f"detector.{key}={json.dumps(str(path.absolute()))}" for key, path in files.items()]
     return tuple(chosen)

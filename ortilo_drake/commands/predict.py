@@ -37,7 +37,7 @@ def predict(
     read = [read_recording(path, map_) for path in recordings]  # reports wrong recordings before any flight
     names = [recording.name for recording in read]
     if len(set(names)) < len(names):
-        raise InputError(f"{', '.join(names)}: two folders of one name would be one flight; rename one")
+        raise InputError(f"{', '.join(names)}: folders must have different names: rename one")
     say_if_compiling()
     with bar("flights", len(read) * (1 + 2 * runs)) as update:
 

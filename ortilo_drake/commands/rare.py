@@ -28,7 +28,7 @@ def rare(
         typer.Option(
             min=0.001,
             max=1000.0,
-            help="Distance [m] that counts if the vehicle reaches it at any moment; a lost flight always counts."
+            help="Count a flight whose distance reaches this value [m] at any moment; a lost flight always counts."
             " Without it only a loss counts.",
         ),
     ] = None,
@@ -46,7 +46,7 @@ def rare(
             "--fault",
             metavar="FAULT",
             help="Compare flights without and with this fault: '{kind: gust, start: 5.0, ...}' in YAML, a name that"
-            " `ortilo faults --faults` takes, or `own` for the scenario's; may be repeated, for a row each.",
+            " `ortilo faults --faults` takes, or `own` for the scenario's. May be repeated: a row for each.",
         ),
     ] = None,
     paths: Annotated[int, typer.Option(min=20, help="Flights of each level, a multiple of 10.")] = 1000,
@@ -88,7 +88,7 @@ def rare(
     )
 
     if player not in ("fastest", "engine"):
-        raise InputError(f"--player: {player}: must be fastest or engine, the only one that flies with given noise")
+        raise InputError(f"--player: {player}: must be fastest or engine, the only player that takes given noise")
     laid_over = options.with_camera(settings, camera, None)
     own = with_seed(load_scenario(scenario, laid_over), seed)
     cases = faults_of(fault, own) if fault else {}

@@ -29,7 +29,7 @@ def replay(
         _replay_recorded(log, map_file, out_folder, json_file)
         return
     if len(log) != 1:
-        raise InputError(f"{len(log)} logs given: one is replayed at a time; recordings of others need --map")
+        raise InputError(f"LOG: {len(log)} given: must be one log, or recordings with --map")
     from ortilo_drake.interop.log.replay import replay_log
 
     terminal.say_if_compiling()
@@ -56,7 +56,7 @@ def _replay_recorded(paths: list[Path], map_file: Path, out_folder: Path, json_f
     recordings = [read_recording(path, map_) for path in paths]  # reports wrong recordings before any work
     names = [recording.name for recording in recordings]
     if len(set(names)) < len(names):
-        raise InputError(f"{', '.join(names)}: two folders of one name would write one figure; rename one")
+        raise InputError(f"{', '.join(names)}: folders must have different names: rename one")
     terminal.say_if_compiling()
     motions, figures, tracks = [], [], []
     with terminal.bar("rows") as update:

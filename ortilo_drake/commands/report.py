@@ -16,7 +16,8 @@ def report(
         Path, typer.Argument(help="A flight's .nc, or the --out folder or --json file of another command.")
     ],
     html: Annotated[
-        Path | None, typer.Option("--out", help="The page; PATH.html, or report.html in PATH, if it is a folder.")
+        Path | None,
+        typer.Option("--out", help="The page to write; by default PATH.html, or report.html in a folder PATH."),
     ] = None,
     rerun: Annotated[
         Path | None, typer.Option(help="For a flight's .nc: write a recording for Rerun, .rrd, instead of a page.")

@@ -60,7 +60,7 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     )
     up, down = lags = vehicle.rotor_time_constant
     if chosen.world.rotors.kind == "ideal" and lags != M100.rotor_time_constant:
-        told = f"ideal: the vehicle's lag of {up:g} and {down:g} s is not flown, as it is with {LAGGING}"
+        told = f"ideal: the vehicle's lag of {up:g} and {down:g} s is not simulated; `--set '{LAGGING}'` simulates it"
         say(f"  rotors: {told}")
     if not warnings and (line := filter_for_lag(chosen)):
         say(f"  filter: {line}")

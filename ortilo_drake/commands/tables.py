@@ -28,7 +28,7 @@ def tables(
         Preset,
         typer.Option(
             metavar="PRESET",
-            help="tuned: the default filter; nominal: the paper's in our tuning; paper: its code; printed: its text.",
+            help="tuned: our filter; nominal: the paper's, tuned by us; paper: as in its code; printed: in its text.",
         ),
     ] = Preset.tuned,
     settings: options.SetOption = None,
@@ -45,7 +45,7 @@ def tables(
         ),
     ] = None,
     only: Annotated[
-        str | None, typer.Option(metavar="SCENARIO", help="Only imu_uwb, or only imu_uwb_yolo, of the paper's two.")
+        str | None, typer.Option(metavar="SCENARIO", help="Fly only one of the paper's: imu_uwb or imu_uwb_yolo.")
     ] = None,
     out_folder: options.FolderOption = Path("out/tables"),
     json_file: options.JsonOption = None,

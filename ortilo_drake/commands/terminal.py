@@ -72,10 +72,10 @@ def flights_to_go(what: str = "flights") -> Iterator[Callable[[int, int | None],
                 return
             if total is None:
                 said = now
-                say_error(f"{done:,} {what}, how many there will be is not known yet")
+                say_error(f"{done:,} {what}, their total number is not known yet")
             elif done > first:
                 said, left = now, (total - done) * (now - start) / (done - first)
-                say_error(f"{done:,} of at most {total:,} {what}, at most {timedelta(seconds=round(left))} to go")
+                say_error(f"{done:,} of at most {total:,} {what}, at most {timedelta(seconds=round(left))} left")
 
         yield advance
 
@@ -123,7 +123,7 @@ def say_if_compiling() -> None:
     own = os.environ.get("NUMBA_CACHE_DIR")
     folder = Path(own) if own else Path(__file__).parents[1]
     if next(folder.rglob("*.nbi"), None) is None:
-        say_error("compiling, once: half a minute to two")
+        say_error("compiling, only this once: half a minute to two minutes")
 
 
 def say_error(line: str) -> None:

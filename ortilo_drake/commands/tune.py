@@ -1,4 +1,4 @@
-"""The command `ortilo tune`: it fits W and V to recorded flights."""
+"""The command `ortilo tune`: it fits a filter's noise, or other settings, to flights or recordings."""
 
 import os
 from enum import StrEnum
@@ -53,7 +53,7 @@ def _print_tuning(report: "Tuning", short: list[str]) -> None:
 
 
 def _print_check(check: "Check") -> None:
-    terminal.out.print(f"  flown anew, seeds {check.seeds[0]} to {check.seeds[-1]}, by {check.flown_by}:")
+    terminal.out.print(f"  new flights, seeds {check.seeds[0]} to {check.seeds[-1]}, by {check.flown_by}:")
     for when, found in (("before", check.before), ("after", check.after)):
         mse = "none" if found.mse is None else f"{sum(found.mse):.6f} m²"
         line = f"    {when:6} {found.lost} lost, MSE of position {mse}, NEES {_entry(found.nees)}"
@@ -151,7 +151,7 @@ def tune(
         Path | None, picture_option("Draw numbers, NEES and NIS before and after; not with --map or --fly")
     ] = None,
     check: Annotated[
-        int, typer.Option(min=0, max=1000, help="Fly this many new seeds with the settings before and after.")
+        int, typer.Option(min=0, max=1000, help="Then fly this many new seeds before and after, and compare.")
     ] = 0,
     map_file: Annotated[
         Path | None,
@@ -161,38 +161,37 @@ def tune(
     ] = None,
     by: Annotated[
         FitBy,
-        typer.Option(
-            help="With --map: maximise the likelihood of the innovations, or of the errors against the truth."
-        ),
+        typer.Option(help="With --map: maximise the likelihood of the innovations, or of the errors from the truth."),
     ] = FitBy.innovations,
-    fly: Annotated[bool, typer.Option("--fly", help="Search settings by flying them: docs/how_to/tune.md.")] = False,
+    fly: Annotated[bool, typer.Option("--fly", help="Search any settings by flights: docs/how_to/tune.md.")] = False,
     kept: Annotated[Path, typer.Option(help="With --fly: folder of the flights' figures.")] = Path("out/tune"),
     workers: WorkersOption = None,
     player: options.PlayerOption = options.PlayerName.fastest,
 ) -> None:
-    """Fit the filter's W and V to saved flights by maximum likelihood, and show NEES and NIS before and after.
+    """Fit a filter's noise: to saved flights, to recordings with --map, or by new flights with --fly.
 
-    The tuned scenario flies by `ortilo fly FILE.yaml`. This is for the paper's filter, as in nominal_imu_uwb; for
-    others, such as imu_uwb's and imu_uwb_yolo's, use --fly or --map.
+    Saved flights: the process noise W and measurement noise V of the paper's filter (nominal_imu_uwb) are fitted by
+    maximum likelihood, with NEES and NIS before and after. `ortilo fly FILE.yaml` flies the tuned scenario. For other
+    filters, such as those of imu_uwb and imu_uwb_yolo, use --fly or --map.
 
-    With --map, the noise of the filter on recordings is fitted to their first parts and judged on the rest, and the
-    tuned map goes to `ortilo replay FOLDERS --map FILE.yaml`; exit code 3 means that it is no better there, or that
-    `ortilo replay` doubts the map, whose mistakes noise would only hide. A log
-    (`ortilo fly --log DIR`) has its map beside it: `ortilo tune DIR --map DIR/map.yaml`.
+    --map: the noise is fitted to the first part of each recording and judged on the rest. `ortilo replay FOLDERS --map
+    FILE.yaml` uses the tuned map. Exit code 3 means that the tuned noise is no better on the rest, or that `ortilo
+    replay` doubts the map: noise would only hide a mistake in it. A log (`ortilo fly --log DIR`) has a map beside it:
+    `ortilo tune DIR --map DIR/map.yaml`.
 
-    With --fly, CMA-ES searches any settings (servo weights, gates, noise) for the least distance from the path in
-    flights, and what it finds is judged on flights with other seeds.
+    --fly: CMA-ES searches any settings (servo weights, gates, noise) for the smallest distance from the path in
+    flights. The result is judged on flights with other seeds.
     """
     if fly:
         if figure is not None or check or map_file is not None:
-            raise InputError("--figure, --check, --map: are not for --fly")
+            raise InputError("--figure, --check, --map: cannot be combined with --fly")
         _tune_by_flights(flights, kept, workers, player, out_file, json_file)
         return
     if player != "fastest" and not check:
-        raise InputError(f"--player: {player}: is for --fly and --check; nothing else flies")
+        raise InputError(f"--player: {player}: needs --fly or --check")
     if map_file is not None:
         if figure is not None or check:
-            raise InputError("--figure, --check: are for flights of ours; with --map see `ortilo replay`")
+            raise InputError("--figure, --check: cannot be combined with --map; `ortilo replay` draws recordings")
         _tune_recorded(flights, map_file, by, out_file, json_file)
         return
     from ortilo_drake.flight.files import write_text
@@ -209,7 +208,7 @@ def tune(
     checked = None
     if check:
         before = scenario_of(load_flight(files[0]))
-        with terminal.bar("flying anew", 2 * check) as update:
+        with terminal.bar("new flights", 2 * check) as update:
             checked = check_flights(tuning, before, check, lambda: update(advance=1), player)
     if out_file is not None:
         write_text(out_file, overlay_text(tuning))

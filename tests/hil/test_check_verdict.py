@@ -20,8 +20,8 @@ def report(**changes: Any) -> dict[str, Any]:
     [
         (
             report(),
-            "flew 3.0 s, not lost; commands came after 2.4 ms (99 % within 6.3) of a tick's 33.3, and 2 of 91 ticks "
-            "missed their deadline",
+            "flew 3.0 s, not lost; a command came 2.4 ms (99 %: 6.3 ms) after its measurement; 2 of 91 ticks of "
+            "33.3 ms missed their deadline",
         ),
         (
             report(identical=True, latency_ms=NONE, missed_deadlines=None),

@@ -202,7 +202,7 @@ def test_the_command_takes_off_when_a_page_is_open_or_at_once(
     assert run(*words) == 0
     address, waiting, ended = capsys.readouterr().out.splitlines()
     assert re.match(r"open http://127\.0\.0\.1:\d+/[-\w]{20,}/ \(readings on the left, controls", address)
-    assert waiting == "waiting for the page to be opened before it takes off; --no-wait takes off at once"
+    assert waiting == "the vehicle takes off when the page is opened; --no-wait takes off at once"
     assert ended == "not flown"
     assert run(*words, "--no-wait") == 0
     said = capsys.readouterr().out

@@ -170,7 +170,7 @@ def test_an_autopilot_gets_estimates_as_often_as_px4_asks_for(
     assert result.exit_code == 0, result.output
     np.testing.assert_allclose(np.diff(stamps), period, atol=1e-5)
     assert "refused" not in result.output  # no place is held
-    assert ("warning  --rate: 10 Hz: PX4 asks for 30 to 50 Hz" in result.output) == bool(options)
+    assert ("warning  --rate: 10 Hz: PX4 needs 30 to 50 Hz" in result.output) == bool(options)
 
 
 def test_heartbeats_go_on_where_no_estimate_is_sent(recorded: list[str]) -> None:
@@ -293,10 +293,10 @@ def test_nothing_is_compiled_or_loaded_once_messages_come(tmp_path: Path) -> Non
         (["--from", "bag", "--map", "m", "--hold", "1,2"], "--hold"),
         (["--from", "bag", "--map", "m", "--hold", "1,2,inf"], "--hold"),
         (["--from", "bag", "--map", "m", "--hold", "1,2,1", "--yaw", "29"], "--yaw: 29: .*29 degrees are 0.506"),
-        (["--from", "bag", "--map", "m", "--yaw", "1"], "--yaw: belongs to --hold"),
+        (["--from", "bag", "--map", "m", "--yaw", "1"], "--yaw: needs --hold"),
         (["--from", "bag", "--map", "m", "--ros2"], "ros2 bag play"),
         (["--map", "m", "--ros2"], "--from"),
-        (["--from", "bag", "--map", "m", "--state", "s"], "--state: keeps what was sent by --mavlink"),
+        (["--from", "bag", "--map", "m", "--state", "s"], "--state: needs --mavlink"),
         (["--from", "bag", "--map", "m", "--keep-alive"], "--keep-alive: needs --state"),
         (["--from", "bag", "--map", "m", "--mavlink", "udpout:a:1", "--state", "/dev/null/s"], "/dev/null"),
     ],

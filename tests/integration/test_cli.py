@@ -319,7 +319,8 @@ def test_a_checked_scenario_says_what_its_vehicle_can_do(capsys: pytest.CaptureF
 
 
 def test_a_lag_that_ideal_rotors_do_not_fly_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file, said = tmp_path / "v.yaml", "rotors: ideal: the vehicle's lag of 0.03 and 0.04 s is not flown, as it is with"
+    file = tmp_path / "v.yaml"
+    said = "rotors: ideal: the vehicle's lag of 0.03 and 0.04 s is not simulated; `--set 'world={"
     file.write_text("mass: 2.7\nrotor_time_constant: [0.03, 0.04]\n")
     for scenario, expected in (("imu_uwb", True), ("rotors", False)):
         assert run("scenario", "check", scenario, "--set", f"vehicle={file}") in (0, 3)

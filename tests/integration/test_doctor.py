@@ -119,7 +119,7 @@ def test_here_all_that_is_needed_is_there(tmp_path: Path, capsys: pytest.Capture
     findings = json.loads(file.read_text())
     assert len(findings) == len(CHECKS)
     assert said.count("OK ") == sum(finding["is_there"] for finding in findings)
-    assert "all that flights need is there" in said
+    assert "everything that flights need is here" in said
     assert next(f for f in findings if f["name"] == "Python")["found"] in sys.version
 
 

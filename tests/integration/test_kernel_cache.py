@@ -37,7 +37,7 @@ def test_the_user_is_told_of_compiling_only_while_nothing_compiled_is_kept(
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     say_if_compiling()
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("compiling, once")
+    assert line.startswith("compiling, only this once")
     (tmp_path / "filter_1").mkdir()
     (tmp_path / "filter_1" / "step-1.py311.nbi").touch()
     say_if_compiling()

@@ -107,12 +107,12 @@ def test_tune_names_an_anchor_that_is_off_and_does_not_say_better(capsys, place:
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (("replay", "WALK", "WALK"), "2 logs given: one is replayed at a time; recordings of others need --map"),
-        (("replay", "WALK", "WALK", "--map", "MAP"), "two folders of one name"),
+        (("replay", "WALK", "WALK"), "LOG: 2 given: must be one log, or recordings with --map"),
+        (("replay", "WALK", "WALK", "--map", "MAP"), "folders must have different names"),
         (("replay", "WALK/no", "--map", "MAP"), "no such file or folder"),
         (("replay", "WALK", "--map", "WALK/none.yaml"), "cannot be read: No such file"),
         (("replay", "WALK", "--map", "WALK/imu.csv"), "imu.csv"),
-        (("tune", "WALK", "--map", "MAP", "--check", "3"), "--figure, --check: are for flights of ours"),
+        (("tune", "WALK", "--map", "MAP", "--check", "3"), "--figure, --check: cannot be combined with --map"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(capsys: pytest.CaptureFixture[str], place: Path, words, line) -> None:

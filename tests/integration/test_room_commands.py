@@ -39,7 +39,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("coverage hall.yaml --png map.frog", "map.frog"),
         ("coverage hall.yaml --json folder.yaml", "folder.yaml: cannot be written"),
         ("show hall.yaml --png folder.png", "folder.png: cannot be written"),
-        ("new hall.yaml", "hall.yaml: is there already"),
+        ("new hall.yaml", "hall.yaml: exists; --force overwrites it"),
         ("new own.yaml --size 8x6", "--size: '8x6'"),
         ("new own.yaml --anchors 2", "--anchors: 2"),
         ("new own.yaml --anchors two", "--anchors"),
@@ -49,7 +49,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("trace none.png --scale nan --out own.yaml", "--scale"),
         ("trace none.png --scale 50", "--out"),
         ("trace hall.yaml --out own.yaml", "hall.yaml: image: is missing"),
-        ("trace none.png --scale 50 --out hall.yaml", "hall.yaml: is there already"),
+        ("trace none.png --scale 50 --out hall.yaml", "hall.yaml: exists; --force overwrites it"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(

@@ -58,7 +58,7 @@ def test_without_a_bar_long_work_says_the_time_to_go(
         advance(110, 250)
         now[0] = 10.0
         advance(150, 250)
-    assert capsys.readouterr().out == "150 of at most 250 likelihoods, at most 0:00:20 to go\n"
+    assert capsys.readouterr().out == "150 of at most 250 likelihoods, at most 0:00:20 left\n"
 
 
 def test_while_it_is_unknown_how_much_there_is_no_time_is_told_and_the_pace_is_from_then_on(
@@ -76,8 +76,8 @@ def test_while_it_is_unknown_how_much_there_is_no_time_is_told_and_the_pace_is_f
         now[0] = 15.0
         advance(200, 400)
     unknown, known = capsys.readouterr().out.splitlines()
-    assert unknown == "100 flights, how many there will be is not known yet"
-    assert known == "200 of at most 400 flights, at most 0:00:10 to go"
+    assert unknown == "100 flights, their total number is not known yet"
+    assert known == "200 of at most 400 flights, at most 0:00:10 left"
 
 
 @pytest.mark.parametrize("words", [["faults"], ["room", "new"], ["hil", "check"]])

@@ -299,7 +299,7 @@ def test_what_cannot_be_written_is_refused_in_one_line_before_anything_flies(
         ((*flight, str(tmp_path / "a.mcap")), "unknown kind of recording '.mcap', give .rrd"),
         ((*flight, str(tmp_path / "file" / "a.rrd")), "cannot be written: "),
         ((*flight, str(tmp_path)), "cannot be written: is a folder"),
-        ((*flight, str(tmp_path / "a.rrd"), "--meshcat"), "--rerun: is written by a flight that is not shown live"),
+        ((*flight, str(tmp_path / "a.rrd"), "--meshcat"), "--rerun: cannot be combined with --meshcat"),
         (("report", str(tmp_path / "file"), "--rerun", str(tmp_path / "a.rrd")), "only a flight's .nc has a recording"),
     ):
         assert run(*words) == 2

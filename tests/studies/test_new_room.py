@@ -99,7 +99,7 @@ def test_the_command_writes_a_file_once(folder: Path, capsys: pytest.CaptureFixt
     assert run("room", "check", str(file)) == 0
     capsys.readouterr()
     assert run("room", "new", str(file)) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "exists; --force overwrites it" in capsys.readouterr().err
     assert file.read_text() == text
     assert run("room", "new", str(file), "--force") == 0
     assert file.read_text() != text

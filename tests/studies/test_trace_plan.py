@@ -108,7 +108,7 @@ def test_the_command_writes_a_room_that_loads_and_has_a_way(tmp_path: Path, caps
     for landmark in room.landmark_positions:
         assert np.all(np.max(np.abs(landmark[:2] - found[:, :2]) - found[:, 2:] / 2, axis=1) > 0.1)
     assert run("room", "trace", str(plan), "--scale", "40", "--out", str(file)) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "exists; --force overwrites it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", ["--scale 400", "--scale 2", "--scale 0", "--dark 1 --scale 40"])

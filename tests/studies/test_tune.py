@@ -156,7 +156,7 @@ def test_the_command_writes_what_it_is_asked_for(
     printed = capsys.readouterr()
     assert printed.err == ""
     assert "nominal_imu_uwb_tuned, fitted to 2 flights" in printed.out
-    assert "flown anew, seeds 2 to 2, by engine:" in printed.out
+    assert "new flights, seeds 2 to 2, by engine:" in printed.out
     assert printed.out.index("numbers were fitted") < printed.out.index("log-likelihood")
     assert load_scenario(overlay) == tuning.fitted
     found = json.loads(data.read_text())

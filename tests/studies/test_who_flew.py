@@ -104,12 +104,12 @@ def test_drake_is_named_with_the_reason_where_the_engine_cannot_fly() -> None:
 def test_rare_flies_by_the_engine_alone(player: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("rare", "nominal_imu_uwb", "--player", player) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert line == f"ortilo: --player: {player}: must be fastest or engine, the only one that flies with given noise"
+    assert line == f"ortilo: --player: {player}: must be fastest or engine, the only player that takes given noise"
 
 
 def test_fitting_without_a_flight_takes_no_player(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("tune", "flight.nc", "--player", "drake") == 2
-    assert "--player: drake: is for --fly and --check; nothing else flies" in capsys.readouterr().err
+    assert "--player: drake: needs --fly or --check" in capsys.readouterr().err
 
 
 @pytest.mark.long

@@ -66,11 +66,11 @@ def bridge(
         typer.Option(min=0.0, max=10.0, callback=finite, help="With --from, how long to wait for a late topic [s]."),
     ] = 0.1,
     speed: Annotated[
-        float, typer.Option(min=0.01, help="With --from BAG, how many times as fast; inf: without waiting.")
+        float, typer.Option(min=0.01, help="With --from BAG, speed of playing: 1 is the bag's own, inf does not wait.")
     ] = 1.0,
     hold: Annotated[
         str | None,
-        typer.Option(metavar="x,y,z", help="With --from, compute attitude and thrust that hold this place [m]."),
+        typer.Option(metavar="x,y,z", help="With --from, compute attitude and thrust that hold this position [m]."),
     ] = None,
     yaw: Annotated[
         float | None,
@@ -93,14 +93,14 @@ def bridge(
         typer.Option(
             min=0.01,
             callback=finite,
-            help="With --from and --mavlink, no estimate is sent whose position has a larger standard deviation [m].",
+            help="With --from and --mavlink, send no estimate with a larger standard deviation of position [m].",
         ),
     ] = 1.0,
     state: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="With --from and --mavlink, keep the filter's state in this file, and go on from it after a crash.",
+            help="With --from and --mavlink, save the filter's state in this file, and continue from it after a crash.",
         ),
     ] = None,
     keep: Annotated[
@@ -111,7 +111,7 @@ def bridge(
     insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
     seconds: Annotated[
-        float | None, typer.Option(min=0.1, callback=finite, help="End after this time by the clock [s].")
+        float | None, typer.Option(min=0.1, callback=finite, help="End after this real time [s].")
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -130,7 +130,7 @@ def bridge(
             source, map_file, rate, lag, speed, hold, yaw, arm, hover_thrust, most_deviation, state, keep
         )
         if vision and mavlink is None:
-            raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
+            raise InputError("--vision: needs --mavlink")
         run_live_bridge(options, chosen, mavlink, vision, seconds, json_file, ros2, (system, component))
         return
     for name, value in (
@@ -143,11 +143,11 @@ def bridge(
         ("--hover-thrust", hover_thrust),
     ):
         if value is not None:
-            raise InputError(f"{name}: belongs to --from, which is not given")
+            raise InputError(f"{name}: needs --from")
     if not ros2 and mavlink is None:
-        raise InputError("--ros2, --mavlink: give one of them or both")
+        raise InputError("--ros2, --mavlink: one of them is needed, or both")
     if vision and mavlink is None:
-        raise InputError("--vision: is how the estimate is sent to --mavlink, which is not given")
+        raise InputError("--vision: needs --mavlink")
     from ortilo_drake.hil.bridge import Goals, Target, mavlink_target, ros2_target, run_bridge
     from ortilo_drake.hil.wire.key_file import choose_key
     from ortilo_drake.interop.mavlink import MavlinkBridge

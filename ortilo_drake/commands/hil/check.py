@@ -85,7 +85,8 @@ def check(
     lockstep: LockstepOption = False,
     seconds: SecondsOption = None,
     url: Annotated[
-        str | None, typer.Option(help="The address, tcp://HOST:PORT; by default a free port of this machine alone.")
+        str | None,
+        typer.Option(help="The address, tcp://HOST:PORT; by default a free port that only this machine reaches."),
     ] = None,
     wait: WaitOption = 60.0,
     png: Annotated[Path | None, picture_option("Draw the latencies' histogram to this file")] = None,
@@ -94,7 +95,7 @@ def check(
     """Run both halves on this machine, in two processes, and report the effect of time and link on the flight."""
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if lockstep and (seconds is not None or png is not None):
-        raise InputError("--seconds, --png: belong to a flight in real time, not to --lockstep")
+        raise InputError("--seconds, --png: are for real time: leave --lockstep out")
     from ortilo_drake.flight.flight import fly
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.hil.real_time.tick_timing import Quantiles
@@ -148,6 +149,6 @@ def check_verdict(report: Mapping[str, Any], h: float) -> str:
     if latency["median"] is None:
         return f"{end}; none of {ticks} ticks was answered"
     return (
-        f"{end}; commands came after {latency['median']:.2g} ms (99 % within {latency['p99']:.2g}) of a tick's "
-        f"{1e3 * h:.3g}, and {report['missed_deadlines']} of {ticks} ticks missed their deadline"
+        f"{end}; a command came {latency['median']:.2g} ms (99 %: {latency['p99']:.2g} ms) after its measurement; "
+        f"{report['missed_deadlines']} of {ticks} ticks of {1e3 * h:.3g} ms missed their deadline"
     )

@@ -24,11 +24,11 @@ def goal(
         float, typer.Option(min=0.1, callback=finite, help="Time to wait for the world, and then for an answer [s].")
     ] = 5.0,
 ) -> None:
-    """Send a flight in real time to another goal: it brakes, plans a path from there and flies it.
+    """Send a new goal to a vehicle that flies in real time: it brakes, plans a path from where it stops, and flies it.
 
-    The height stays the one at which it comes to rest, the yaw the servo's. A newer goal replaces an older one; one
-    that cannot be flown to is refused with a line. The flight ends when it would have ended, see --seconds of
-    `ortilo hil world`.
+    The vehicle keeps the height at which it stops, and the servo's yaw. A newer goal replaces an older goal. A goal
+    that no free path reaches is refused in one line. The flight ends when it would have ended without the goal: see
+    --seconds of `ortilo hil world`.
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     from ortilo_drake.hil.goals.goal_link import ask_goal

@@ -64,20 +64,24 @@ def check_live(options: LiveOptions, mavlink: str | None, ros2: bool) -> tuple[f
     if options.map_file is None:
         raise InputError("--map: is missing: MAP.yaml says which topic is what (docs/how_to/recorded.md)")
     if options.arm and (options.hold is None or mavlink is None or options.hover_thrust is None):
-        raise InputError("--arm: needs --mavlink, --hold x,y,z and --hover-thrust: the share of the thrust that hovers")
+        raise InputError(
+            "--arm: needs --mavlink, --hold x,y,z and --hover-thrust, the share of full thrust that hovers"
+        )
     if options.keep and options.state_file is None:
-        raise InputError("--keep-alive: needs --state FILE, from which the next process goes on")
+        raise InputError("--keep-alive: needs --state FILE, from which the next process continues")
     if options.state_file is not None:
         if mavlink is None:
-            raise InputError("--state: keeps what was sent by --mavlink, which is not given")
+            raise InputError("--state: needs --mavlink")
         check_writable(options.state_file)
     if ros2 and options.source != ROS2:
-        raise InputError("--ros2: a bag's estimates are not published; play it with `ros2 bag play` and --from ros2")
+        raise InputError(
+            "--ros2: cannot publish a bag's estimates: play the bag with `ros2 bag play`, and give --from ros2"
+        )
     if options.yaw is not None and (wrong := not_radians(options.yaw)):
         raise InputError(f"--yaw: {wrong}")
     if options.hold is None:
         if options.yaw is not None:
-            raise InputError("--yaw: belongs to --hold, which is not given")
+            raise InputError("--yaw: needs --hold")
         return None
     try:
         place = tuple(float(part) for part in options.hold.split(","))
@@ -158,13 +162,13 @@ def _run(
 
         rate = options.rate or (RATE if mavlink is None else LEAST)
         if mavlink is not None and rate < LEAST:
-            _say(f"warning  --rate: {rate:g} Hz: PX4 asks for {LEAST:g} to 50 Hz, and may not fuse less")
+            _say(f"warning  --rate: {rate:g} Hz: PX4 needs {LEAST:g} to 50 Hz, and may ignore slower estimates")
         pace = 1.0 if options.source == ROS2 else options.speed
         # A bag that is played without waiting has no wall clock: the age of an estimate follows from its stamps.
         wall = (lambda: 0.0) if math.isinf(pace) else (lambda: pace * time.monotonic())
         bridge = LiveBridge(map_, say, rate, options.lag, holding, partial(say, severity=NOTICE), wall)
         if map_.truth is not None:
-            _say("truth: is not heard live, and nothing is calibrated by it")
+            _say("truth: is not used live: nothing is calibrated by it")
         if sender is not None:
             # An autopilot fuses an estimate at the estimate's stamp, at most a fraction of a second back.
             limits, send = Limits(options.most_deviation, MOST_YAW), _to_mavlink(sender, vision, options)
@@ -256,7 +260,7 @@ def _armed(options: LiveOptions, scenario: Scenario, mavlink: str) -> str:
     from ortilo_drake.studies.live.setpoints import NEAR
 
     if not options.arm:
-        return f"{mavlink}: the estimate alone; setpoints are off (--arm sends them)"
+        return f"{mavlink}: sends only the estimate; setpoints are off (--arm sends them)"
     return (
         f"{mavlink}: ARMED: attitude and thrust are sent to hold {options.hold} from within {NEAR:g} m of it, but not "
         f"while the estimate is older than {scenario.failsafe.timeout:g} s or too uncertain: then the autopilot's own "

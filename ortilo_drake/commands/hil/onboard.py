@@ -49,11 +49,11 @@ def onboard(
     key: KeyOption = None,
     insecure: InsecureOption = False,
     wait: WaitOption = 60.0,
-    log: Annotated[Path | None, typer.Option(help="Write its inputs and outputs as MCAP to this folder.")] = None,
+    log: Annotated[Path | None, typer.Option(help="Write inputs and outputs as MCAP to this new folder.")] = None,
     checkpoint: Annotated[
         Path | None,
         typer.Option(
-            help="In real time, keep the state in this file, and a goal's path beside it, to continue after a kill."
+            help="In real time, save the state in this file, and a goal's path beside it, to continue after a kill."
         ),
     ] = None,
     keep: Annotated[
@@ -61,21 +61,21 @@ def onboard(
     ] = False,
     exported: Annotated[
         Path | None,
-        typer.Option(help="In lockstep, fly what `ortilo export` wrote to this folder; emulated if necessary."),
+        typer.Option(help="In lockstep, run the half that `ortilo export` wrote to this folder; emulated if needed."),
     ] = None,
     profile: Annotated[
         bool, typer.Option("--profile", help="Time each block on this machine, without a world, and exit.")
     ] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Run perception, filter, servo and planner for one flight of a world, in real time or lockstep like the world."""
+    """Run perception, filter, servo and planner for one flight; the world decides on real time or lockstep."""
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if profile and (keep or log or checkpoint):
-        raise InputError("--profile: flies with no world; leave --keep-alive, --log and --checkpoint out")
+        raise InputError("--profile: runs without a world: leave --keep-alive, --log and --checkpoint out")
     if exported and (profile or keep or checkpoint):
-        raise InputError("--exported: flies in lockstep; leave --profile, --keep-alive and --checkpoint out")
+        raise InputError("--exported: flies in lockstep: leave --profile, --keep-alive and --checkpoint out")
     if keep and log:
-        raise InputError("--log: a process that is started again cannot go on in it; leave --keep-alive out")
+        raise InputError("--log: a restarted process cannot continue a log: leave --keep-alive out")
     check_writable(checkpoint)
     from ortilo_drake.codegen.exported_half import ExportedHalf
     from ortilo_drake.flight.flyable import flight_ticks

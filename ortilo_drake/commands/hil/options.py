@@ -9,11 +9,9 @@ import typer
 from ortilo_drake.commands.options import finite
 from ortilo_drake.commands.terminal import err, progress_bar
 
-UrlOption = Annotated[
-    str, typer.Option(help="The world's address, tcp://HOST:PORT; by default one of this machine alone.")
-]
+UrlOption = Annotated[str, typer.Option(help="The world's address, tcp://HOST:PORT; by default on this machine.")]
 ServesOption = Annotated[
-    str, typer.Option(help="Serve this address; tcp://0.0.0.0:PORT for other machines, by default this one alone.")
+    str, typer.Option(help="Address to serve; tcp://0.0.0.0:PORT is open to other machines, the default is not.")
 ]
 KeyOption = Annotated[
     str | None,
@@ -22,15 +20,15 @@ KeyOption = Annotated[
     ),
 ]
 InsecureOption = Annotated[
-    bool, typer.Option("--insecure", help="Use no key: whoever is on the network may command the vehicle.")
+    bool, typer.Option("--insecure", help="Use no key: everyone on the network can command the vehicle.")
 ]
 WaitOption = Annotated[float, typer.Option(min=1.0, callback=finite, help="How long to look for the other half [s].")]
 LockstepOption = Annotated[
-    bool, typer.Option("--lockstep", help="Wait for each answer: the same flight as `ortilo fly`, bit for bit.")
+    bool, typer.Option("--lockstep", help="Each half waits for the other: the flight of `ortilo fly`, bit for bit.")
 ]
 SecondsOption = Annotated[
     float | None,
-    typer.Option(min=0.1, callback=finite, help="In real time, end after this time [s]; by default with the path."),
+    typer.Option(min=0.1, callback=finite, help="In real time, end after this time [s]; by default at the path's end."),
 ]
 
 

@@ -14,8 +14,10 @@ def relay(
     faults: Annotated[
         str, typer.Option(help="Faults in both directions, in SI units: '{loss: 0.2, delay: 0.04, spread: 0.02, ...}'.")
     ] = "{}",
-    to_onboard: Annotated[str | None, typer.Option(help="Other faults on the way to the onboard half.")] = None,
-    to_world: Annotated[str | None, typer.Option(help="Other faults on the way to the world.")] = None,
+    to_onboard: Annotated[
+        str | None, typer.Option(help="Faults on the way to the onboard half, instead of --faults.")
+    ] = None,
+    to_world: Annotated[str | None, typer.Option(help="Faults on the way to the world, instead of --faults.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
     url_world: Annotated[str, typer.Option(help="The world's address, which the relay joins.")] = DEFAULT_URL,
     url_onboard: Annotated[str, typer.Option(help="The onboard half's address, which the relay serves.")] = ONBOARD_URL,
@@ -26,7 +28,7 @@ def relay(
     ] = 86400.0,
     json_file: JsonOption = None,
 ) -> None:
-    """Forward packets between the halves, each at an address of its own, with faults."""
+    """Forward packets between the halves, with faults such as losses and delays; each half has its own address."""
     from ortilo_drake.hil.relay.relay import Faults, run_relay
     from ortilo_drake.hil.wire.address import leaves_machine
     from ortilo_drake.hil.wire.key_file import choose_key

@@ -45,7 +45,7 @@ def world(
     """Run plant, sensors, link and camera; wait for an onboard half and follow its commands."""
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
     if seconds is not None and lockstep:
-        raise InputError("--seconds: ends a flight in real time, not in --lockstep")
+        raise InputError("--seconds: is for real time: leave --lockstep out")
     check_writable(out_file)
     from ortilo_drake.flight.flyable import flight_ticks
     from ortilo_drake.flight.saved_flight import save_flight

@@ -22,13 +22,17 @@ def coverage(
 ) -> None:
     """Find where a room loses a vehicle, and map what can be seen and measured in it.
 
-    A room is flown with imu, UWB that walls block and the projected camera, from start to goal. The floor is the least
-    error that any estimator of the position can have there (the Cramér-Rao bound). The JSON file holds: scenario; room;
-    answer; worst (first and last tick, floor [m], hangs_on, floor_without [m], silent sensors); cases, by 'all' and by
-    the sensor that is lost (greatest floor [m], its time [s] and distance [m], lost_at [s]); along the path at n places
-    time [s], distance [m], position [m], free [m] to the walls, anchors, pdop (null: no position), landmarks at the
-    heading flown, headings [rad], landmarks_by_heading (n, h), floor [m] by case; over_floor height [m], x and y [m],
-    and over (y, x) free, anchors, pdop, and landmarks over (heading, y, x).
+    In a room the vehicle flies from start to goal with IMU, projected camera, and UWB that walls block. The floor is
+    the smallest error of the position that any estimator can have (the Cramér-Rao bound). The JSON file holds:
+
+    - scenario, room, and the answer in words.
+    - worst: the stretch with the largest floor [m]: first and last tick; the silent sensors; the sensor on which the
+      floor hangs_on most, and the floor_without it [m].
+    - cases: with 'all' sensors, and without each: the largest floor [m], its time [s] and distance [m], lost_at [s].
+    - along: at n points of the path time [s], distance [m], position [m], free space to the walls [m], anchors in
+      sight, pdop (null: no position), floor [m] in each case, and landmarks at the heading flown; for h headings [rad]
+      landmarks_by_heading (n, h).
+    - over_floor: on a grid of x and y at one height [m], free, anchors and pdop (y, x), and landmarks (heading, y, x).
     """
     from ortilo_drake.studies.rooms.room_scenario import scenario_of, without_camera
 
@@ -36,7 +40,7 @@ def coverage(
     from ortilo_drake.studies.rooms.coverage import coverage as cover
     from ortilo_drake.studies.rooms.coverage_figure import coverage_figure
 
-    with bar("looking around", 100) as update:
+    with bar("coverage", 100) as update:
         found = cover(scenario, lambda share: update(completed=round(100 * share)))
     say(f"Where will {found.room} lose you? {found.answer}")
     for name, case in found.cases.items():

@@ -11,7 +11,7 @@ from ortilo_drake.model.input_files import exists
 from ortilo_drake.model.typed_yaml import InputError
 
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")]
-AnchorsOption = Annotated[int, typer.Option(help="How many UWB anchors.")]
+AnchorsOption = Annotated[int, typer.Option(help="Number of UWB anchors.")]
 
 
 def new(
@@ -32,7 +32,7 @@ def new(
 def check_new(file: Path, force: bool) -> None:
     """Raise InputError, naming the file, if it cannot be written, or exists and `force` is false."""
     if exists(file) and not force:
-        raise InputError(f"{file}: is there already; --force writes over it")
+        raise InputError(f"{file}: exists; --force overwrites it")
     check_writable(file)
 
 

@@ -60,7 +60,7 @@ def place(
     _print_worst("before", found.before)
     _print_worst("after", found.after)
     if gain is not None:
-        out.print(f"  this bound falls by {gain:.1%}")
+        out.print(f"  the bound falls by {gain:.1%}")
     for i, (x, y, z) in enumerate(found.room.anchors):
         out.print(f"  anchor {i:<3} ({x:.3f}, {y:.3f}, {z:.3f})")
     for its in found.room.landmarks if landmarks else ():
@@ -70,7 +70,7 @@ def place(
         say(f"  flown {flown}")
     if out_file is not None:
         ends = "--set planner.start=[X,Y] --set planner.goal=[X,Y]"
-        check = f"  placed for this one way; to check another: ortilo room coverage {out_file} {ends}"
+        check = f"  the anchors suit this path; to check another: ortilo room coverage {out_file} {ends}"
         say(check)
         say(f"  to see it: ortilo room show {out_file} --png out/room.png")
 
@@ -79,6 +79,6 @@ def _print_worst(when: str, worst: "Worst") -> None:
     x, y, z = worst.place
     out.print(
         f"  {when:7} error bound {worst.floor:.4f} m at the worst point, ({x:.2f}, {y:.2f}, {z:.2f}), "
-        f"{worst.time:.1f} s; longest without three ranges {worst.no_fix:.2f} s",
+        f"{worst.time:.1f} s; longest time with fewer than three ranges {worst.no_fix:.2f} s",
         soft_wrap=True,
     )

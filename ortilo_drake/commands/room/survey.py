@@ -35,24 +35,25 @@ def survey(
     ],
     known: Annotated[str, typer.Option(help="Numbers of the anchors with known places, three or more.")] = "0,1,2",
     room: Annotated[
-        str | None, typer.Option(help="'ortilo' or a room file: its anchors as believed; by default the flights'.")
+        str | None,
+        typer.Option(help="Room with the assumed anchors: 'ortilo' or a file; by default the flights' room."),
     ] = None,
     loss: Annotated[Loss, typer.Option(help="Cost of a residual; all but linear tolerate outliers.")] = Loss.linear,
     range_sd: Annotated[
         float | None, typer.Option(min=0.0, callback=finite, help="Standard deviation of a range, in m.")
     ] = None,
     range_fraction: Annotated[
-        float | None, typer.Option(min=0.0, callback=finite, help="Its growth for each metre of distance.")
+        float | None, typer.Option(min=0.0, callback=finite, help="Growth of --range-sd for each metre of distance.")
     ] = None,
-    most: Annotated[int, typer.Option(min=4, max=5000, help="Use at most this many places of a flight.")] = 200,
+    most: Annotated[int, typer.Option(min=4, max=5000, help="Use at most this many positions of a flight.")] = 200,
     out_file: RoomFileOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Find the anchors' positions from ranges to the vehicle and between anchors; three anchors fix the frame.
 
     A table has the columns from, to, range and, where known, x, y, z, sd; anchors are called a0, a1 and so on, other
-    names in `from` are places of the vehicle. Without --range-sd and --range-fraction the noise is as the flights'
-    multilateration believes, or 0.0075 of the distance.
+    names in `from` are positions of the vehicle. Without --range-sd and --range-fraction the noise is what the
+    flights' multilateration assumes; without flights, 0.75 % of the distance.
     """
     numbers = _numbers(known)
     from ortilo_drake.flight.files import write_text
@@ -81,7 +82,7 @@ def _numbers(known: str) -> list[int]:
     try:
         return [whole(word) for word in known.split(",")]
     except ValueError:
-        raise InputError(f"--known {known!r}: must be numbers of anchors with commas between, as 0,1,2") from None
+        raise InputError(f"--known {known!r}: must be numbers of anchors, separated by commas, such as 0,1,2") from None
 
 
 def _noise(scenario: "Scenario | None", sd: float | None, fraction: float | None) -> tuple[float, float]:
@@ -127,7 +128,9 @@ def _read(sources: list[Path], room: str | None, most: int) -> "tuple[Room, Rang
         surveyed = scenarios[0].load_room() if scenarios else load_room()
     n = len(surveyed.anchors)
     if scenarios and len(scenarios[0].load_room().anchors) != n:
-        raise InputError(f"--room {room}: has {n} anchors, that of the flights {len(scenarios[0].load_room().anchors)}")
+        raise InputError(
+            f"--room {room}: has {n} anchors: must have {len(scenarios[0].load_room().anchors)}, as in the flights"
+        )
     parts += [ranges_of_table(file, n) for file in sources if file.suffix == ".csv"]
     return surveyed, together(parts), scenarios[0] if scenarios else None
 
@@ -141,4 +144,4 @@ def _print_survey(name: str, found: "Survey", moved: "np.ndarray", known: list[i
             say(f"{where}  known")
             continue
         spread, far = ", ".join(f"{value:.3f}" for value in sd), float((step @ step) ** 0.5)
-        say(f"{where}  sd ({spread}) m, {far:.3f} m from where it was believed")
+        say(f"{where}  sd ({spread}) m, {far:.3f} m from the assumed position")

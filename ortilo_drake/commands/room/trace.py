@@ -17,9 +17,7 @@ def trace(
         typer.Argument(metavar="PLAN", help="A picture, dark walls on light paper; or the .yaml of a map_server grid."),
     ],
     file: Annotated[Path, typer.Option("--out", metavar="ROOM", help="The .yaml file to write.")],
-    scale: Annotated[
-        float | None, typer.Option(min=1.0, callback=finite, help="Pixels of the picture in a metre.")
-    ] = None,
+    scale: Annotated[float | None, typer.Option(min=1.0, callback=finite, help="Pixels per metre.")] = None,
     height: Annotated[float, typer.Option(min=2.0, max=20.0, callback=finite, help="Height of the room [m].")] = 2.5,
     dark: Annotated[int, typer.Option(min=1, max=255, help="Pixels darker than this are walls.")] = 128,
     anchors: AnchorsOption = 5,
@@ -53,6 +51,6 @@ def trace(
     corner = traced.corner if plan.suffix in (".yaml", ".yml") else np.zeros(2)
     write_text(file, new_room(room_name(file), size, anchors, traced.walls, ends, corner))
     sides = f"{size[0]:.2f} x {size[1]:.2f} m within"
-    covered = f"they cover {traced.covered:.1%} of what is dark and thick enough"
+    covered = f"they cover {traced.covered:.1%} of the dark and thick pixels"
     say(f"{len(traced.walls)} walls, {sides}; {covered}")
     say_next(file)

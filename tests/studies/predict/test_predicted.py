@@ -118,7 +118,7 @@ def test_two_folders_of_one_name_are_refused(tmp_path, capsys) -> None:
     (tmp_path / "MAP.yaml").write_text(TABLE_MAP)
     words = ("--map", str(tmp_path / "MAP.yaml"), "--noise", "iasl_2023", "--out", str(tmp_path / "out"))
     assert run("predict", *folders, *words) == 2
-    assert "two folders of one name" in capsys.readouterr().err
+    assert "folders must have different names" in capsys.readouterr().err
 
 
 @pytest.mark.long
