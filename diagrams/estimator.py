@@ -89,7 +89,7 @@ class Estimator(OfBelief):
         super().__init__()
         belief = scenario.belief
         if belief.commands.filter == "acted":
-            raise InputError("commands: of an estimator by itself must be left as they are")
+            raise InputError("commands: must be left at their defaults for an estimator alone")
         room = room or belief.load_room()
         heard, messages = heard_boxes(belief, room, detects)
         self._assemble("estimator", belief, heard, ESTIMATORS[belief.estimator.kind](belief, room, xbar_0, messages))

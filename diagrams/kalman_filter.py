@@ -68,7 +68,7 @@ def IntermittentKalmanFilter(
     if not h > 0.0:
         raise ValueError(f"h: is {h}, must be positive")
     if not sensors:
-        raise ValueError("sensors: is empty, must name a sensor at least")
+        raise ValueError("sensors: is empty, must name at least one sensor")
     its = {}
     for name, pair in sensors.items():
         if not isinstance(pair, tuple | list) or len(pair) != 2:

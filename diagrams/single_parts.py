@@ -169,7 +169,7 @@ def make_sensor(
     if name not in SENSORS and find_sensor(name) is None:
         raise InputError(f"name: {name!r}: must be one of {', '.join(known)}{nearest(name, known)}")
     if not is_element(name):
-        raise InputError(f"name: {name}: is a System of its own, made by its make_world: add that")
+        raise InputError(f"name: {name}: is a System that its make_world makes: add that System")
     changes = {"sensors": [name], "seed": seed, "camera__kind": "projected"}
     changes |= {f"{name}__{key}": value for key, value in settings.items()}
     try:

@@ -135,7 +135,7 @@ class Comparison(pd.DataFrame):
 
 _UNITS = {"mse x": "m^2", "mse y": "m^2", "mse z": "m^2", "path mse": "m^2", "farthest from path": "m", "nees": "1"}
 _FIGURES = tuple(_UNITS)
-_FOOTNOTE = "[?]: too few flights for the 95 % interval of a median, which takes six."
+_FOOTNOTE = "[?]: too few flights: the 95 % interval of a median needs six."
 _ENDS = ("", " low", " high", " kept", " kept low", " kept high")
 
 

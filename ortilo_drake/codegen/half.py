@@ -31,9 +31,11 @@ def onboard_half(scenario: Belief) -> Half:
     """
     belief = scenario.belief
     if belief.is_rendered:
-        raise InputError("export: camera.kind: rendered: its network is not exported; with projected boxes come in")
+        raise InputError(
+            "export: camera.kind: rendered: must be projected, whose boxes are inputs; no network is exported"
+        )
     if belief.sees_landmarks and belief.landmark_fix.method == "cosine_law":
-        raise InputError("export: landmark_fix.method: cosine_law: its pseudoinverse comes from LAPACK")
+        raise InputError("export: landmark_fix.method: cosine_law: is not exported: its pseudoinverse needs LAPACK")
     room, plan = belief.load_room(), planned(belief)
     if not isinstance(plan, Trajectory):
         raise InputError("export: planner: must be a path; one that is a System or an element is not exported")

@@ -141,7 +141,7 @@ def box_ir(box: str, element: Element, single: bool) -> dict[str, str]:
         ir = its._library.get_llvm_str()
         found[symbol] = neutral(with_whole_words(ir) if single else ir, what, symbol)
         if element.name == "own" and makes_arrays(found[symbol]):
-            raise InputError(f"export: {box}: {what} makes arrays while it flies; one of one's own must not")
+            raise InputError(f"export: {box}: {what} makes arrays while it flies: an element of your own must not")
     return found
 
 

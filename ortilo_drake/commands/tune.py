@@ -147,9 +147,7 @@ def tune(
         Path | None, yaml_option("Write the tuned scenario, or with --map the tuned map, to this .yaml.")
     ] = None,
     json_file: JsonOption = None,
-    figure: Annotated[
-        Path | None, picture_option("Draw numbers, NEES and NIS before and after; not with --map or --fly")
-    ] = None,
+    figure: Annotated[Path | None, picture_option("Draw the fit to this file (not with --map or --fly)")] = None,
     check: Annotated[
         int, typer.Option(min=0, max=1000, help="Then fly this many new seeds before and after, and compare.")
     ] = 0,

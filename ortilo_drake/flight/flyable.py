@@ -22,14 +22,14 @@ def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
     seconds = duration_of(scenario, plan or planned(scenario)) + scenario.settle
     if scenario.seconds is not None:
         if scenario.seconds > seconds:
-            raise InputError(f"seconds: {scenario.seconds:g}: {scenario.name} flies for {seconds:.1f} s, no longer")
+            raise InputError(f"seconds: {scenario.seconds:g}: must be at most {seconds:.1f}, as {scenario.name} flies")
         seconds = scenario.seconds
     ticks = round(seconds * scenario.control_rate)
     size = 8 * sum(scenario.measurement.logged_sizes().values()) * ticks
     if size > LARGEST_LOG:
         raise InputError(
             f"control_rate: {scenario.control_rate:g}: a flight of {seconds:g} s logs "
-            f"{size / MIB:.0f} MiB, must not exceed {LARGEST_LOG / MIB:.0f} MiB: fly shorter or slower"
+            f"{size / MIB:.0f} MiB, must not exceed {LARGEST_LOG / MIB:.0f} MiB: lower seconds or control_rate"
         )
     return ticks
 

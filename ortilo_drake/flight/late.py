@@ -22,8 +22,7 @@ def late_messages(scenario: Scenario) -> list[str]:
         seen = scenario.measurement
         if scenario.estimator.kind == "tight" and sensor == seen.sensors[seen.inertial]:  # an earlier sample is used
             found.append(
-                f"{sensor}.link.delay: samples come up to {_ticks(most)} late; "
-                "the tight filter integrates none of those"
+                f"{sensor}.link.delay: samples come up to {_ticks(most)} late; the tight filter ignores late samples"
             )
             continue
         share = min(1.0, (most - oldest[0]) / (link.random_delay + 1))
@@ -42,7 +41,7 @@ def _oldest(scenario: Scenario, sensor: str) -> tuple[int, str] | None:
     settings: Any = scenario.estimator
     if settings.kind == "tight":
         if not _is_aid(sensor):
-            return 0, f"the tight filter uses none of {sensor} that is older than its tick"
+            return 0, f"the tight filter uses no late message of {sensor}"
         return round(settings.horizon / scenario.h), f"estimator.horizon is {settings.horizon:g} s"
     delay = getattr(settings, "delay", "ignore")
     if settings.kind != "intermittent" or delay == "ignore":

@@ -157,7 +157,7 @@ class OnboardHalf:
         InputError if the planner is a System.
         """
         if "path" not in self._ports:
-            raise InputError("planner: is a System: it takes no other path in flight")
+            raise InputError("planner: is a System: cannot take a new path in flight")
         self._path = path
         self._ports["path"].FixValue(self._simulator.get_mutable_context(), path_value(path))
 

@@ -51,7 +51,7 @@ def unsealed(data: bytes, of: str) -> bytes:
     at = max(end - len(mark) - _HEX - 1, 0)
     content, line = data[:at] + data[end:], data[at:end]
     if line[: len(mark)] != mark:
-        raise ValueError("damaged, or from elsewhere: the line with its digest is missing")
+        raise ValueError("damaged, or not made by ortilo: the line with its digest is missing")
     if line[len(mark) :] != hashlib.sha256(content).hexdigest().encode() + b"\n":
         raise ValueError("damaged: its bytes are not those that were saved")
     return content

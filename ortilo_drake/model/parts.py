@@ -180,13 +180,13 @@ def register_sensor(sensor: Sensor) -> None:
     if not isinstance(sensor, Sensor):
         raise InputError(f"sensor: {sensor!r}: must be an od.Sensor")
     if not sensor.name.isidentifier() or sensor.name.lower() in _TAKEN:
-        raise InputError(f"sensor: {sensor.name!r}: must be a plain word that is no built-in signal's")
+        raise InputError(f"sensor: {sensor.name!r}: must be a plain word, and no name of a built-in signal")
     if "link" not in sensor.settings.model_fields:
         raise InputError(f"sensor: {sensor.name}: its settings need a field 'link: Link'")
     if sensor.make_world is None and sensor.compiled is None:
-        raise InputError(f"sensor: {sensor.name}: must be given as a System, make_world, or by a share, compiled")
+        raise InputError(f"sensor: {sensor.name}: needs make_world, which makes a System, or compiled")
     if sensor.sd is None and (sensor.covariance is None or sensor.information is None):
-        raise InputError(f"sensor: {sensor.name}: must tell its noise by sd, or by covariance and information")
+        raise InputError(f"sensor: {sensor.name}: must give its noise as sd, or as covariance and information")
     for what, taken in (("measure", "numbers, x, v, t"), ("solve", "numbers, payload, xhat, P")):
         if (function := getattr(sensor.compiled, what, None)) is not None:
             try:
@@ -208,9 +208,9 @@ def register_part(role: str, part: Part) -> None:
     if get_origin(kind) is not Literal or part.kind not in get_args(kind):
         raise InputError(f"{name}: the field 'kind' of its settings must be Literal[{part.kind!r}]")
     if role == "fault" and not {"start", "end", "sensor"} <= fields.keys():
-        raise InputError(f"{name}: its settings must be a Fault with a field 'sensor', whose messages change")
+        raise InputError(f"{name}: its settings must be a Fault with a field 'sensor': its messages change")
     if part.box is None and (role == "fault" or part.make is None):
-        raise InputError(f"{name}: must be given as a System, make, or as an element, box")
+        raise InputError(f"{name}: needs make, which makes a System, or box, which makes an element")
     _PARTS[role, part.kind] = part
     _remember_caller()
 

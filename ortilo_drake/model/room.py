@@ -88,7 +88,7 @@ class CameraModel(Frozen):
         """Raise ValueError if the number of coefficients is wrong, or if they fold the picture near its middle."""
         check_count(self.distortion, self.coefficients)
         if not self._lens[1]:
-            raise ValueError(f".coefficients: {list(self.coefficients)}: fold the picture near its middle")
+            raise ValueError(f".coefficients: {list(self.coefficients)}: must not fold the picture near its middle")
 
     def scaled_to(self, width: int) -> "CameraModel":
         """Return the same camera at another resolution; InputError if the picture would have no pixels or too many.

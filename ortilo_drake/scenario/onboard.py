@@ -55,13 +55,13 @@ class Multilateration(Frozen):
     def _has_what_it_learns_of(self) -> "Multilateration":
         others = self.method != "least_squares"
         if self.exclude is not None and others:
-            raise ValueError(f".exclude: must be null with method {self.method!r}, or the method 'least_squares'")
+            raise ValueError(f".exclude: must be null with method {self.method!r}: it needs 'least_squares'")
         learns = [name for name in ("bias_bank", "noise_scale") if getattr(self, name) is not None]
         if learns and (others or self.exclude is not None):
             unfit, too = f"method {self.method!r}" if others else "exclude", ", and so must ".join(["", *learns[1:]])
-            raise ValueError(f".{learns[0]}: must be null with {unfit}{too}: residuals of all ranges count")
+            raise ValueError(f".{learns[0]}: must be null with {unfit}{too}: the residuals of all ranges are needed")
         if self.bias_bank is not None and self.bias_sd == 0.0:
-            raise ValueError(".bias_bank: must be null without bias_sd, of which it has shares")
+            raise ValueError(".bias_bank: must be null without bias_sd: it holds shares of bias_sd")
         if (size := sum(self.noise.sds)) <= 0.0:
             raise ValueError(f".noise: {size}: must be greater than 0, ranges are weighted by it")
         return self
@@ -150,9 +150,9 @@ class LandmarkFix(Frozen):
     @model_validator(mode="after")
     def _has_what_the_bank_shares(self) -> "LandmarkFix":
         if self.survey_bank is not None and (self.method != "pose" or self.survey_sd == 0.0):
-            raise ValueError(".survey_bank: must be null without survey_sd, of which it has shares, and method 'pose'")
+            raise ValueError(".survey_bank: must be null without survey_sd, whose shares it holds, and method 'pose'")
         if self.noise_scale is not None and self.method != "pose":
-            raise ValueError(f".noise_scale: must be null with method {self.method!r}, it is for the method 'pose'")
+            raise ValueError(f".noise_scale: must be null with method {self.method!r}: it needs 'pose'")
         return self
 
     @property

@@ -94,7 +94,7 @@ class Scenario(Belief):
         force, V = getattr(its, "force", None), getattr(its, "V", None)
         for sensor in dict(getattr(its, "gates", ())):
             if sensor not in self.sensors:
-                raise ValueError(f"estimator.gates.{sensor}: does not fly, of sensors {list(self.sensors)}")
+                raise ValueError(f"estimator.gates.{sensor}: must be one of the sensors that fly, {list(self.sensors)}")
         if force == "measured" and "imu" not in self.sensors:
             raise ValueError(
                 f"estimator.force: measured: must be none or thrust, no imu in sensors {list(self.sensors)}"
@@ -125,15 +125,15 @@ class Scenario(Belief):
     def _late_commands_have_a_delay(self) -> "Scenario":
         late, delay = self.commands.servo, self.commands.delay
         if self.commands.filter == "acted" and getattr(self.estimator, "delay", None) != "replay":
-            raise ValueError("commands.filter: acted: must be sent, or estimator.delay replay: it is known only later")
+            raise ValueError("commands.filter: acted: must be sent, or estimator.delay must be replay")
         if late == "augmented" and delay is None:
-            raise ValueError("commands.delay: null: must be given for servo augmented, its gain is computed before")
+            raise ValueError("commands.delay: null: must be a number [s] with servo augmented")
         if late == "augmented" and not isinstance(self.servo, LqServo):
             raise ValueError("commands.servo: augmented: must be present or predicted with a servo of one's own")
         if late != "present" and self.lends_velocities:
             raise ValueError(f"commands.servo: {late}: must be present where servo.velocities are of the truth")
         if late == "present" and self.commands.filter == "sent" and delay is not None:
-            raise ValueError(f"commands.delay: {delay}: must be null with filter sent and servo present: none reads it")
+            raise ValueError(f"commands.delay: {delay}: must be null with filter sent and servo present")
         return self
 
     @model_validator(mode="after")
@@ -179,19 +179,19 @@ def check_differences(scenario: Any) -> None:
     if getattr(estimator, "kind", None) != "tight":
         raise ValueError(f"estimator.kind: {getattr(estimator, 'kind', None)}: must be tight {with_it}")
     if estimator.ranges.differences:
-        raise ValueError(f"estimator.ranges.differences: true: must be false {with_it}: no clock is left in them")
+        raise ValueError(f"estimator.ranges.differences: true: must be false {with_it}, which have no clock error")
     exact = uwb.packets * uwb.link.every(scenario.h) * scenario.h
     if uwb.rows(scenario.h) < 1 or abs(exact - uwb.rows(scenario.h)) > _WHOLE:
         raise ValueError(f"uwb.packets: {uwb.packets:g}: must be a whole number, 1 or more, in each message: {exact:g}")
     if uwb.round > 0.0:
-        raise ValueError(f"uwb.round: {uwb.round:g}: must be 0 {with_it}: they come one by one")
+        raise ValueError(f"uwb.round: {uwb.round:g}: must be 0 {with_it}, which come one by one")
     if uwb.walls.kind not in ("none", "block"):
         raise ValueError(f"uwb.walls.kind: {uwb.walls.kind}: must be none or block {with_it}")
     if uwb.behind_walls == "left_out":
         raise ValueError(f"uwb.behind_walls: left_out: must be used or null {with_it}")
     for i, fault in enumerate(scenario.faults):
         if "uwb" in sensors_of_kind(getattr(fault, "kind", "")):
-            raise ValueError(f"faults.{i}: {fault.kind}: is one of single ranges, uwb.kind must be ranges")
+            raise ValueError(f"faults.{i}: {fault.kind}: changes single ranges: uwb.kind must be ranges")
 
 
 def scenario_from_json(text: str, version: Any, source: str) -> Scenario:

@@ -169,7 +169,7 @@ def unread_settings(scenario: Scenario, name_or_file: str | Path, settings: Sequ
     for key in dict.fromkeys(given):
         reader = why_unread(key, scenario)
         if reader is not None:
-            lines.append(f"{key}: has no effect here: no flown part reads it, only {reader}")
+            lines.append(f"{key}: has no effect here: no part of this flight reads it, only {reader}")
     return lines
 
 

@@ -54,9 +54,9 @@ def messages_again(scenario: Scenario, room: Room, truth: np.ndarray, seen: np.n
     if scenario.uwb.kind == "differences":
         raise InputError("uwb.kind: differences: must be ranges: a survey takes single ranges")
     if scenario.uwb.errors == "fitted":
-        raise InputError("uwb.errors: fitted: what lasts of these errors cannot be repeated: give the flight's log")
+        raise InputError("uwb.errors: fitted: the lasting errors cannot be computed again: give the flight's log")
     if scenario.samples("uwb") > 1:
-        raise InputError("uwb.link.rate: of a sensor faster than the tick no ranges can be repeated: give its log")
+        raise InputError("uwb.link.rate: ranges of a sensor faster than the tick are not computed again: give its log")
     size = uwb_size(len(room.anchors))
     drawn = draw_truth(scenario.truth, scenario.seed, room, {"uwb": size - PAYLOAD})
     anchors = np.ascontiguousarray(room.anchor_positions + drawn["survey.anchors"])

@@ -173,4 +173,4 @@ def believed_noise(scenario: Scenario) -> list[str]:
     mend = f"give {key} the same"
     if believed is solver.noise and solver.method == "least_squares" and solver.exclude is None:
         mend += ", or let --set multilateration.noise_scale=10 learn it"
-    return [f"uwb.noise: {sd:.3g} m at {AT:g} m, but the filter believes {thought:.3g} m; {mend}"]
+    return [f"uwb.noise: {sd:.3g} m at {AT:g} m, but the filter assumes {thought:.3g} m; {mend}"]

@@ -94,4 +94,4 @@ def scaled(n: Any, estimate: np.ndarray, out: np.ndarray) -> None:
 def test_an_element_of_ones_own_that_makes_arrays_is_refused_in_a_line() -> None:
     with pytest.raises(InputError) as refused:
         box_ir("own", box(3, scaled, numbers={"gain": 2.0}).element, False)
-    assert str(refused.value) == "export: own: out makes arrays while it flies; one of one's own must not"
+    assert str(refused.value) == "export: own: out makes arrays while it flies: an element of your own must not"

@@ -23,7 +23,7 @@ def test_the_ready_made_filters_know_their_ranges(name: str) -> None:
 )
 def test_noise_that_the_filter_does_not_know_is_told_with_the_key(name: str, key: str) -> None:
     (line,) = believed_noise(load_scenario(name, NOISY))
-    assert line == f"uwb.noise: 0.25 m at 5 m, but the filter believes 0.0375 m; give {key}"
+    assert line == f"uwb.noise: 0.25 m at 5 m, but the filter assumes 0.0375 m; give {key}"
 
 
 @pytest.mark.parametrize("mend", ["multilateration.noise.fraction=0.05", "multilateration.noise_scale=10"])

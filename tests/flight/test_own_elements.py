@@ -342,7 +342,9 @@ def test_a_fault_that_does_not_fit_is_refused() -> None:
         load(sensor="camera")
     with pytest.raises(od.InputError, match="fault: own: its settings must be a Fault with a field 'sensor'"):
         od.register_fault("own", Own, lambda its, size, h: od.box(size, early_out))  # type: ignore[arg-type]
-    with pytest.raises(od.InputError, match="servo: own: must be given as a System, make, or as an element, box"):
+    with pytest.raises(
+        od.InputError, match="servo: own: needs make, which makes a System, or box, which makes an element"
+    ):
         od.register_servo("own", Own)
 
 

@@ -81,5 +81,5 @@ def test_theory_of_no_place_takes_it_in_the_middle_of_the_room(beacons: Scenario
 
 def test_a_sensor_that_tells_no_noise_is_refused() -> None:
     rows = (row("z_silent", z=1.0),)
-    with pytest.raises(od.InputError, match="silent: must tell its noise by sd, or by covariance and information"):
+    with pytest.raises(od.InputError, match="silent: must give its noise as sd, or as covariance and information"):
         register_sensor(Sensor("silent", Beacons, rows, make_world=lambda s, r: None, covariance=covariance))

@@ -158,7 +158,7 @@ def test_a_registered_planner_that_is_a_system_flies_in_halves_logs_and_replays(
     assert "<canvas" in flight_page(alone) or "meshcat" in flight_page(alone)
     with pytest.raises(od.InputError, match=r"planner\.kind: circle: is a System: this needs a path planned"):
         nominal_flight(scenario)
-    with pytest.raises(od.InputError, match="planner: is a System: it takes no other path in flight"):
+    with pytest.raises(od.InputError, match="planner: is a System: cannot take a new path in flight"):
         OnboardHalf(scenario).fly_path(PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], np.zeros((3, 2))))
 
 
@@ -282,7 +282,7 @@ def test_a_sensor_is_refused_where_its_name_or_its_settings_do_not_fit() -> None
         return od.Sensor(name, settings, (od.row("z_own", z=1.0),), make_world=lambda s, r: None, sd=lambda s, r, x: x)
 
     for name in ("uwb", "detections", "two words", ""):
-        with pytest.raises(od.InputError, match="must be a plain word that is no built-in signal's"):
+        with pytest.raises(od.InputError, match="must be a plain word, and no name of a built-in signal"):
             od.register_sensor(sensor(name, od.SensorSettings))
     with pytest.raises(od.InputError, match="own: its settings need a field 'link: Link'"):
         od.register_sensor(sensor("own", od.Frozen))

@@ -200,7 +200,7 @@ def test_a_smaller_picture_is_the_same_lens(name: str) -> None:
         ({"coefficients": (0.1,)}, r"coefficients: 1 of them: brown_conrady has 4 or 5 or 8"),
         ({"distortion": "fisheye", "coefficients": (0.1,) * 5}, r"coefficients: 5 of them: fisheye has 4"),
         ({"distortion": "none"}, r"coefficients: 4 of them: none has 0"),
-        ({"coefficients": (-9.0, 0.0, 0.0, 0.0)}, r"coefficients: \[-9.0, 0.0, 0.0, 0.0\]: fold the picture"),
+        ({"coefficients": (-9.0, 0.0, 0.0, 0.0)}, r"coefficients: \[-9.0, 0.0, 0.0, 0.0\]: must not fold the picture"),
         ({"distortion": "barrel"}, r"distortion: 'barrel'"),
     ],
 )

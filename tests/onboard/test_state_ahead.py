@@ -119,7 +119,7 @@ def test_of_whole_ticks_the_augmented_gain_is_the_predictor(d: int) -> None:
     [
         (("commands.filter=acted",), "estimator.delay replay"),
         (("commands.servo=augmented",), r"commands\.delay: null"),
-        (("commands.delay=0.1",), "none reads it"),
+        (("commands.delay=0.1",), "must be null with filter sent and servo present"),
         (("commands.servo=predicted", "servo.velocities=truth"), "of the truth"),
         (("commands.servo=early",), "commands.servo"),
         (("commands.delay=-0.1",), "commands.delay"),

@@ -71,7 +71,10 @@ def test_settings_are_laid_over_the_file() -> None:
         ("seed", ["must read key.key=value"]),
         ("=3", ["must read key.key=value"]),
         ("seed.deep=1", ["'seed' is not a group"]),
-        ("estimator.gates.camera=0.9", ["estimator.gates.camera", "does not fly", "'uwb', 'imu'"]),
+        (
+            "estimator.gates.camera=0.9",
+            ["estimator.gates.camera", "must be one of the sensors that fly", "'uwb', 'imu'"],
+        ),
         ("estimator.gates.uwb=1.0", ["estimator.gates.uwb: 1.0", "below 1"]),
         ("camera={kind: rendered, latency: 0}", ["camera.latency: 0", "at least 1"]),
         ("camera={kind: rendered, width: 63}", ["camera.width: 63", "64 to 2048"]),

@@ -245,7 +245,7 @@ def test_html_in_a_text_is_shown_as_it_stands() -> None:
         ("deep.json", b"[" * 100_000, "is no JSON"),
         ("text.json", b"hello", "is no JSON"),
         ("bytes.json", b"\xff\xfe", "is no JSON"),
-        ("flight.nc", b"CDF", "damaged, or from elsewhere"),
+        ("flight.nc", b"CDF", "damaged, or not made by ortilo"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, name: str, content: bytes, said: str) -> None:

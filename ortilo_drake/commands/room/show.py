@@ -8,7 +8,7 @@ import typer
 from ortilo_drake.commands.options import picture_option
 from ortilo_drake.commands.terminal import out, say, say_lines, say_written
 
-PngOption = Annotated[Path | None, picture_option("Draw it to this file")]
+PngOption = Annotated[Path | None, picture_option("Draw the figure to this file")]
 
 
 def show(

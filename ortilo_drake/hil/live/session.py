@@ -53,7 +53,7 @@ class Status:
         """Return the status in a line of text."""
         shares = (f"{name} {'-' if share is None else f'{share:.0%}'}" for name, share in self.arrivals.items())
         line = f"{self.time:6.1f} s  error {100.0 * self.error:5.1f} cm, 3 sigma {100.0 * self.sd:5.1f} cm"
-        line += f"  arrived of late: {', '.join(shares) or '-'}"
+        line += f"  arrived lately: {', '.join(shares) or '-'}"
         return line + ("  paused" if self.is_paused else "") + (f"  {self.note}" if self.note else "")
 
 

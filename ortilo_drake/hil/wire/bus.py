@@ -107,7 +107,7 @@ class Bus:
         try:
             self._socket.bind(endpoint)
         except zmq.ZMQError as error:
-            elsewhere = "no address of this machine; the world serves one of its own, or tcp://0.0.0.0:PORT"
+            elsewhere = "must be an address of this machine, or tcp://0.0.0.0:PORT"
             in_use = "another process serves it; end that one, or give this flight another --url"
             known = {errno.EADDRINUSE: in_use, errno.EADDRNOTAVAIL: elsewhere, errno.ENODEV: elsewhere}
             why = known.get(error.errno or 0, os.strerror(error.errno or 0).lower())

@@ -57,11 +57,11 @@ def say_hello(bus: Bus, hello: Hello) -> None:
 def refusal(hello: Hello, digest: str) -> str:
     """Return the reason why a hello is not from our other half; empty if it is from our other half."""
     if hello.protocol != PROTOCOL:
-        return f"speaks protocol {hello.protocol}, this half {PROTOCOL}"
+        return f"speaks protocol {hello.protocol}, this half {PROTOCOL}: install the same version for both"
     if hello.scenario_digest != digest:
         return (
             f"flies another scenario ({hello.scenario_digest}, this half {digest}): "
-            "give both the same but for what only the world knows"
+            "give both the same scenario; only settings that the world alone reads may differ"
         )
     return ""
 

@@ -39,7 +39,7 @@ def logged_noise(scenario: Scenario, ranges: np.ndarray) -> dict[str, tuple[floa
         if fitted is not None and fitted.lasting is not None:
             lasting.append((fitted.lasting.sd, fitted.lasting.time, "of uwb.fitted.lasting"))
         sd, time, key = max(lasting)
-        found["range_correlated"] = (sd, key if sd > 0.0 else "none of its errors last")
+        found["range_correlated"] = (sd, key if sd > 0.0 else "no error of it lasts")
         if sd > 0.0:
             found["correlation_time"] = (time, key)
     return {name: (max(LEAST.get(name, 0.0), number), origin) for name, (number, origin) in found.items()}

@@ -53,8 +53,8 @@ def replay_log(log: Path) -> ReplayReport:
     """
     if holds_what_was_sent(log):
         raise InputError(
-            f"{log}: holds what a world sent in real time, not what the onboard half took and when; replay that half's "
-            "own log, of: ortilo hil onboard --log"
+            f"{log}: is the log of a world in real time: must be the onboard half's log, which "
+            "ortilo hil onboard --log writes"
         )
     known = read_ticks(log, images=False)
     start = next(known, None)

@@ -94,13 +94,13 @@ def why_not_live(map_: Map) -> str | None:
         if source is None:
             continue
         if source.topic is None and not getattr(source, "topics", ()):
-            return f"{name}: is a table: live, each source needs its `topic`"
+            return f"{name}: is a table: each live source needs a `topic`"
         if source.zero == "first":
             return f"{name}.zero: first: live stamps must be of one clock; `late` takes a known offset off"
     if map_.command is not None:
-        return "command: is not heard live: give the accelerometer"
+        return "command: cannot be used live: give the accelerometer"
     if isinstance(map_.anchors, Find):
-        return "anchors: find: live they must be surveyed: `ortilo replay` or `ortilo room survey` finds them"
+        return "anchors: find: must be surveyed positions live: `ortilo replay` or `ortilo room survey` finds them"
     if isinstance(map_.anchors, str):
         return f"anchors: {map_.anchors}: no such file beside the map"
     return None

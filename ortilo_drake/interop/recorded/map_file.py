@@ -43,15 +43,16 @@ class Estimated(Frozen):
         description="Share of the truth's time that calibrates; the rest judges. 0: nothing is calibrated.",
     )
     clock: Literal["estimate"] | float = Field(
-        default="estimate", description="Truth's clock less the sensors' [s], counted as the files have it."
+        default="estimate", description="Truth's clock minus the sensors' clock [s], by the files' stamps."
     )
     search: float = Field(default=5.0, gt=0.0, le=3600.0, description="Clock offsets tried, at most [s].")
     frame: Literal["yaw", "se3", "same"] = Field(
         default="yaw",
-        description="Between the truth's frame and the anchors': shift and heading, shift and turn, none.",
+        description="Frame of the truth in the anchors': yaw: shift, heading; se3: shift, rotation; same: equal.",
     )
     biases: Literal["calibrated", "online", "none"] = Field(
-        default="calibrated", description="Of each anchor's ranges: from the truth, as states of the filter, or none."
+        default="calibrated",
+        description="Bias of each anchor's ranges: from the truth, a state of the filter, or none.",
     )
     lever: Literal["estimate"] | Vector = Field(
         default="estimate",
@@ -83,7 +84,7 @@ class FilterSettings(Frozen):
         description="Share of its estimate that a lasting error is expected to have: above 0 an anchor may err by far.",
     )
     reflected: Annotated[float, Field(ge=0.0, le=0.5)] = Field(
-        default=0.0, description="Share of ranges that came by a reflection and are too long; replaces their `huber`."
+        default=0.0, description="Share of ranges that are too long because of a reflection; replaces their `huber`."
     )
     correlation_time: Positive = Field(default=0.7, description="How long it lasts [s].")
     bias_walk: Positive = Field(default=0.001, description="Random walk of an anchor's bias [m/√s].")

@@ -169,7 +169,7 @@ class ImuSource(Source):
     rate_axes: tuple[Axis, Axis, Axis] | None = Field(
         default=None, description="Those of the body rates alone, if they differ: [x, y, -z] turns one sign."
     )
-    force_axes: tuple[Axis, Axis, Axis] | None = Field(default=None, description="Likewise of the specific force.")
+    force_axes: tuple[Axis, Axis, Axis] | None = Field(default=None, description="Those of the force alone.")
     rate_unit: Literal["rad/s", "deg/s", "mrad/s", "mdeg/s"] | Unit = Field(
         default="rad/s", description="Or rad/s in one of the file's units; a negative one turns the signs."
     )
@@ -265,7 +265,7 @@ class TruthSource(Source):
         description="Which of the file's axes are ours (z up): [x, -z, y] where its y is up, [x, -y, -z] where z is "
         "down.",
     )
-    drop_zero_rows: bool = Field(default=True, description="Drop rows whose position is exactly 0, 0, 0: none was had.")
+    drop_zero_rows: bool = Field(default=True, description="Drop rows whose position is exactly 0, 0, 0: no fix.")
     drop_frozen: Positive | None = Field(
         default=None, description="Drop rows that repeat a position for longer than this: the body was lost [s]."
     )

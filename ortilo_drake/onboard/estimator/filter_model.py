@@ -22,7 +22,7 @@ def why_no_filter(scenario: Belief) -> str | None:
     if scenario.linear_filter is not None:
         return None
     kind = scenario.estimator.kind
-    return f"estimator.kind: {kind}: must be intermittent, or registered with the linear filter that it is about hover"
+    return f"estimator.kind: {kind}: must be intermittent, or registered with its linear filter at hover"
 
 
 def filter_of(scenario: Belief) -> FilterSettings:

@@ -35,7 +35,7 @@ def is_detectable(Phi: np.ndarray, C: np.ndarray) -> bool:
     InputError if Phi or C has a number that is not finite.
     """
     if not (np.isfinite(Phi).all() and np.isfinite(C).all()):
-        raise InputError("servo: mass, inertia and control_rate are too far apart to be computed with")
+        raise InputError("servo: mass, inertia and control_rate differ too much in size for the computation")
     return not unseen_modes(Phi, C)
 
 
@@ -56,7 +56,7 @@ def lq_gain(Phi: np.ndarray, Gamma: np.ndarray, Q: np.ndarray, R: np.ndarray) ->
             )
         L, S = DiscreteTimeLinearQuadraticRegulator(Phi, Gamma, Q, R)
     except np.linalg.LinAlgError:
-        raise InputError("servo: mass, inertia and control_rate are too far apart to be computed with") from None
+        raise InputError("servo: mass, inertia and control_rate differ too much in size for the computation") from None
     except (RuntimeError, SystemExit) as error:  # the weights differ too much for Drake's own check
         raise InputError(f"servo.weights: Drake finds no stabilising gain with them: {error}") from None
     return L, S
@@ -74,7 +74,7 @@ def why_no_servo_gain(scenario: Belief) -> str | None:
     part = None if isinstance(scenario.servo, LqServo) else find_part("servo", kind)
     if isinstance(scenario.servo, LqServo) or (part is not None and part.gain is not None):
         return None
-    return f"servo.kind: {kind}: must be lq, or registered with its gain: the linear theory is of a servo's gain"
+    return f"servo.kind: {kind}: must be lq, or registered with its gain, which the linear theory needs"
 
 
 def gain_of(scenario: Belief) -> np.ndarray:

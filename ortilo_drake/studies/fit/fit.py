@@ -111,7 +111,7 @@ def fit_recordings(
             of_imu = imu_errors(one, path, mount_of(one, path, by, map_), by, map_)
             imus += [] if of_imu is None else [(one.name, of_imu)]
         elif one.imu is not None:
-            notes.append(f"{one.name}: the truth has no attitude: nothing is said of the imu")
+            notes.append(f"{one.name}: the truth has no attitude: errors of the imu are not fitted")
     n = len(np.asarray(recordings[0].anchors))
     say("errors that last")
     lasting = fit_lasting(errors, n, tail=not places)
@@ -209,7 +209,7 @@ def _imu(
             its = ~np.isnan(each[:, i])
             figures[f"imu.{name}.{'xyz'[i]}"] = _of_recordings(each[its, i], sds[its])
     if "force" not in numbers:
-        notes.append("imu: all axes of all accelerometers are faulty: nothing is said of the imu")
+        notes.append("imu: all axes of all accelerometers are faulty: errors of the imu are not fitted")
         return None
     for name in ("rotation_bias", "force_bias"):
         squares = np.array([getattr(one, name) for one in found]) ** 2

@@ -79,7 +79,7 @@ def read_recorded(log: Path) -> RecordedFlight:
     InputError if there is no such log, or it holds a world's sent messages instead of received ones, or no true states.
     """
     if holds_what_was_sent(log):
-        raise InputError(f"{log}: holds what a world sent in real time, not what the onboard half took and when")
+        raise InputError(f"{log}: is the log of a world in real time: must be a log of what the onboard half received")
     scenario, flight = log_scenario(log), read_log(log)
     messages: list[Signals] = [{} for _ in range(flight.sizes["tick"])]
     finder = None

@@ -77,7 +77,7 @@ class LiveWarnings:
         if self._map.imu is None:
             key = f"baseline_range: {places.scatter:.2f}"
         told = f"a range scatters by {places.scatter:.2f} m, the map says {places.stated:.2f} m"
-        return f"noise: {told}: `filter: {{{key}}}` would fit; until then estimates go out less sure"
+        return f"noise: {told}: `filter: {{{key}}}` would fit; until then covariances are larger"
 
     def _cause(self, filter_: LiveFilter) -> str:
         alone = filter_.agreement.alone()

@@ -64,7 +64,7 @@ class Holding:
     def aim(self) -> str:
         """The place and yaw to hold, in words."""
         place = ", ".join(f"{value:g}" for value in self._place)
-        yaw = "the yaw of their begin" if self._yaw is None else f"yaw {self._yaw:.2f} rad"
+        yaw = "the yaw at their start" if self._yaw is None else f"yaw {self._yaw:.2f} rad"
         return f"({place}) m, {yaw}"
 
     def setpoint(self, stamped: StampedEstimate, now: float) -> Setpoint:
@@ -74,7 +74,7 @@ class Holding:
         refused = old or FLOWN_BY.why_not(stamped)
         e = x[0:3] - self._place
         if not refused and not np.linalg.norm(e) <= (NEAR if self._asked is None else AWAY):
-            refused = f"the place to hold is too far away: they begin within {NEAR:g} m and stop beyond {AWAY:g} m"
+            refused = f"the position to hold is too far: setpoints begin within {NEAR:g} m and stop beyond {AWAY:g} m"
         if refused:
             self._i[:], self._asked = 0.0, None
             yaw = x[5]

@@ -139,7 +139,7 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
         constant = 2.0 * room < r.min() and np.ptp(np.quantile(r, [0.02, 0.98])) < 1.5 * room
         hint = _unit(float(np.median(r)), room, map_) if far else "ranges, anchors and truth must all be in metres"
         if not far and size < STILL:
-            hint = "the truth stands still, the ranges change: other columns, or a body that was lost?"
+            hint = "the truth stands still, the ranges change: wrong columns, or was the body lost?"
         if constant:
             hint = f"all ranges have a constant of some {np.median(r) - 0.6 * room:.0f} m: antenna delays?"
         if better is not None:

@@ -101,8 +101,8 @@ def _anchors(room: Room, off_plane: float) -> list[str]:
         found.append("anchors: 3 given: a position and its mirror image have the same ranges; 4 tell them apart")
     elif off_plane < LEAST_SPREAD:
         found.append(
-            f"anchors: {off_plane:.2f} m RMS off one plane, should be at least {LEAST_SPREAD:g} m: they tell badly on "
-            "which side of it the vehicle is; mount some low and some high"
+            f"anchors: {off_plane:.2f} m RMS off one plane, should be at least {LEAST_SPREAD:g} m: they hardly tell "
+            "on which side of the plane the vehicle is; mount some low and some high"
         )
     for i, p in enumerate(room.anchors):
         for j in range(i):
@@ -149,7 +149,7 @@ def _unseen(scenario: Scenario) -> list[str]:
     """Return lines on the landmarks that no vehicle in the free space can see, even if it heads towards them."""
     room, planner = scenario.load_room(), scenario.planner
     if not room.landmarks:
-        return ["landmarks: none: the camera tells nothing"]
+        return ["landmarks: none: the camera measures nothing"]
     height = getattr(planner, "height", 1.5)
     space = free_space(room, height, scenario.vehicle.radius, 0.0, getattr(planner, "vertical_clearance", 0.0))
     low, high = space.bounds[:, :2]

@@ -181,7 +181,7 @@ def fit_noise(
         if not at_limit[worst] and sd[worst] <= FLATTEST:
             break
         kept[free[worst]] = (
-            f"ran out of a factor of {LARGEST_CHANGE:g}" if at_limit[worst] else "its likelihood is flat"
+            f"would change by more than a factor of {LARGEST_CHANGE:g}" if at_limit[worst] else "its likelihood is flat"
         )
     values = np.exp(theta)
     spread = covariance @ (gradients @ gradients.T) @ covariance

@@ -51,7 +51,7 @@ class Search(OverScenario):
     def _searches_numbers(self) -> "Search":
         for key, axis in self.axes.items():
             if axis.whole:
-                raise ValueError(f"axes.{key}.whole: true: must be false, only numbers that go on evenly are searched")
+                raise ValueError(f"axes.{key}.whole: true: must be false: only real numbers are searched")
         return self
 
 
