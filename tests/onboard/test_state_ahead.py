@@ -117,7 +117,7 @@ def test_of_whole_ticks_the_augmented_gain_is_the_predictor(d: int) -> None:
 @pytest.mark.parametrize(
     ("settings", "named"),
     [
-        (("commands.filter=acted",), "estimator.delay replay"),
+        (("commands.filter=acted",), r"estimator\.delay must be replay"),
         (("commands.servo=augmented",), r"commands\.delay: null"),
         (("commands.delay=0.1",), "must be null with filter sent and servo present"),
         (("commands.servo=predicted", "servo.velocities=truth"), "of the truth"),
