@@ -120,7 +120,10 @@ class Loop:
 
 
 def settle(server: Bus, *others: Bus) -> None:
-    """Wait until all have joined a bus: the server got a message from each, and each got one from the server."""
+    """Wait until all have joined a bus: the server got a message from each, and each got one from the server.
+
+    They count anew what they refuse: until then a busy machine may have been too slow for a handshake.
+    """
     came = [0] * (len(others) + 1)
 
     def count(i: int) -> Callable[[bytes], None]:
@@ -144,6 +147,7 @@ def settle(server: Bus, *others: Bus) -> None:
         while bus.handle(50):
             pass
         bus.unsubscribe("SETTLE", takers[i])
+        bus.refused.clear()
 
 
 def key_file(folder: Path) -> Path:

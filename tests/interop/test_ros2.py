@@ -175,7 +175,7 @@ def play_world(url: str, scenario: Scenario, stop: threading.Event) -> None:
         for goal in world.turn(k):
             publish_goal(world.outbox, answer_to(goal, "too far" if goal.x > 2.0 else ""))
         publish_messages(world.outbox, k, {})
-        publish_command(world.outbox, k, {"control": np.array([k, 0.0, 0.0, 0.0])})
+        publish_command(world.outbox, k, {"control": np.array([1e-4 * k, 0.0, 0.0, 0.0])})  # of a minute, too
         publish_telemetry(world.outbox, k, outputs_of(0))
         k += 1
         time.sleep(0.01)
@@ -213,9 +213,9 @@ def test_it_joins_a_flight_and_a_target_that_fails_leaves_the_others_alone(bus: 
     report = with_world(bus, scenario, listen)
     assert len(taken) >= 20
     assert report.ticks == len(taken)
-    answered = [(t, k) for t, k in taken if k is not None]
+    answered = [(t, thrust) for t, thrust in taken if thrust is not None]
     assert len(taken) - len(answered) <= report.without_answer <= 1  # it may join in the middle of a tick
-    assert all(t == k * scenario.h for t, k in answered)
+    assert all(t == round(1e4 * thrust) * scenario.h for t, thrust in answered)
     assert report.failed == {"bad": "no route to host"}
     assert [line.partition(" at ")[0] for line in lines if "bad" in line] == ["bad: failed"]
 
