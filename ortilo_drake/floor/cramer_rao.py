@@ -44,30 +44,19 @@ from ortilo_drake.floor.unknown_errors import start_covariance, unknown_errors
 from ortilo_drake.model.hover import discretize, disturbance_W, drag_D, hover_A, hover_B_d
 from ortilo_drake.model.room import Room
 from ortilo_drake.scenario import Scenario
-from ortilo_drake.scenario.loss_chain import loss_parameters
 from ortilo_drake.sensors.described import information_of
 from ortilo_drake.sensors.imu import reads, specific_force_sd
 from ortilo_drake.sensors.information_rows import by_tick
-from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.radio.link import NOT_SENT, blackout_rows, chain_after, delay_of_message
+from ortilo_drake.world.radio.link import NOT_SENT, Radio, chain_after, delay_of_message, radio_of
 
 
 @cached_njit
-def messages_sent(
-    truth: np.ndarray,
-    every: int,
-    loss: np.ndarray,
-    blackouts: np.ndarray,
-    delays: tuple[int, int],
-    seed: int,
-    stream: np.uint64,
-) -> np.ndarray:
-    """Return whether each tick's message was sent and not lost (n). Arguments as delay_of_message, truth (n, 12)."""
+def messages_sent(truth: np.ndarray, radio: Radio, seed: int) -> np.ndarray:
+    """Return whether each tick's message was sent and not lost (n), given the true states (n, 12)."""
     sent, bad = np.zeros(truth.shape[0], dtype=np.bool_), False
     for k in range(truth.shape[0]):
-        if k % every == 0:
-            sent[k] = delay_of_message(k, truth[k], bad, loss, blackouts, delays, seed, stream) != NOT_SENT
-        bad = chain_after(k, bad, loss, seed, stream)
+        sent[k] = delay_of_message(radio, k, truth[k], bad, seed) != NOT_SENT
+        bad = chain_after(k, bad, radio.loss, seed, radio.stream)
     return sent
 
 
@@ -78,10 +67,8 @@ def arrived(scenario: Scenario, sensor: str, truth: np.ndarray) -> np.ndarray:
     """
     if sensor not in scenario.sensors:
         return np.zeros(len(truth), dtype=bool)
-    link, stream = scenario.link_of(sensor), stream_id(f"link/{sensor}")
-    told = loss_parameters(link.loss, scenario.h), blackout_rows(link, scenario.h), (link.delay, link.random_delay)
-    states = np.ascontiguousarray(truth)
-    return np.asarray(messages_sent(states, scenario.every(sensor), *told, scenario.seed, stream))
+    radio = radio_of(sensor, scenario.link_of(sensor), scenario.every(sensor), scenario.h)
+    return np.asarray(messages_sent(np.ascontiguousarray(truth), radio, scenario.seed))
 
 
 VELOCITY = slice(6, 9)  # in x

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario.link import BernoulliLoss, GilbertElliottLoss, Link, NoLoss
-from ortilo_drake.scenario.loss_chain import loss_of, loss_parameters
+from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.studies.arrivals.arrival_map import link_chain
 from ortilo_drake.theory.arrivals.arrival_simulation import draw_markov, simulate
 from ortilo_drake.theory.arrivals.arrivals import Model, check_model, pattern_probabilities
@@ -22,8 +22,7 @@ from ortilo_drake.theory.arrivals.expected_riccati import (
     vehicle_model,
 )
 from ortilo_drake.theory.arrivals.expected_riccati_kernel import coupled_fixed_point
-from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.radio.link import chain_after, delay_of_message
+from ortilo_drake.world.radio.link import chain_after, delay_of_message, radio_of
 
 H = 1.0 / 30.0
 MODEL = vehicle_model(1e-4 * np.eye(12), np.diag(np.repeat([0.05, 0.08, 0.01], 3)), H)
@@ -135,16 +134,11 @@ def test_the_exact_mean_of_each_mode_lies_below_the_recursion() -> None:
 @pytest.mark.parametrize("link", [bursts(0.05, 0.2, 0.1, 0.9), bursts(0.2, 0.3).model_copy(update={"rate": 10.0})])
 def test_the_chain_is_that_of_the_link_that_flies(link: Link) -> None:
     """Shares of arrivals, and of pairs of them a period apart, in 60,000 ticks of the world's link."""
-    loss, nowhere, stream = loss_parameters(link.loss, H), np.zeros(3), stream_id("link/uwb")
+    radio, nowhere = radio_of("uwb", link, link.every(H), H), np.zeros(3)
     bad, arrived = False, []
     for k in range(60_000):
-        d = (
-            delay_of_message(k, nowhere, bad, loss, np.zeros((0, 3)), (0, 0), 5, stream)
-            if k % link.every(H) == 0
-            else -1
-        )
-        arrived.append(d == 0)
-        bad = chain_after(k, bad, loss, 5, stream)
+        arrived.append(delay_of_message(radio, k, nowhere, bad, 5) == 0)
+        bad = chain_after(k, bad, radio.loss, 5, radio.stream)
     seen = np.array(arrived[:: link.every(H)], dtype=float)
     chain = link_chain(link, None, H)
     arrives = chain.probabilities[:, 1]

@@ -30,14 +30,13 @@ import numpy as np
 
 from ortilo_drake.compiled.cached import cached_njit
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.scenario import BernoulliLoss, Loss, NoLoss, Scenario
-from ortilo_drake.scenario.loss_chain import loss_of, loss_parameters
+from ortilo_drake.scenario import BernoulliLoss, Link, Loss, NoLoss, Scenario
+from ortilo_drake.scenario.loss_chain import loss_of
 from ortilo_drake.sensors.described import unwired
 from ortilo_drake.studies.tube.corridor import corridor
 from ortilo_drake.studies.tube.disc_radius import THREE_SIGMA, least_margin, outside_discs
 from ortilo_drake.studies.tube.tube import NominalFlight, delay_of, deviations, losses_of, nominal_flight, tube_height
-from ortilo_drake.world.noise import stream_id
-from ortilo_drake.world.radio.link import NOT_SENT, chain_after, delay_of_message
+from ortilo_drake.world.radio.link import NOT_SENT, Radio, chain_after, delay_of_message, radio_of
 
 
 class Mixture(NamedTuple):
@@ -54,21 +53,21 @@ def arrivals_of_seed(scenario: Scenario, nominal: NominalFlight, seed: int) -> n
     for s, sensor in enumerate(sensors):
         if sensor not in scenario.sensors:
             continue
-        loss, late = loss_parameters(scenario.link_of(sensor).loss, scenario.h), delay_of(scenario, sensor)
+        late, loses = delay_of(scenario, sensor), Link(loss=scenario.link_of(sensor).loss)  # without its blackouts
         there = np.ascontiguousarray(nominal.there[late:, s])
-        arrives[late:, s] = _kept_by_link(there, nominal.r, loss, seed, stream_id(f"link/{sensor}"))
+        arrives[late:, s] = _kept_by_link(there, nominal.r, radio_of(sensor, loses, 1, scenario.h), seed)
     return arrives
 
 
 @cached_njit(nogil=True)
-def _kept_by_link(there: np.ndarray, r: np.ndarray, loss: np.ndarray, seed: int, stream: np.uint64) -> np.ndarray:
-    """Return a mask (n) of the messages that a link does not lose at random; blackouts do not count here."""
-    kept, bad, no_blackouts = np.zeros_like(there), False, np.empty((0, 3))
+def _kept_by_link(there: np.ndarray, r: np.ndarray, radio: Radio, seed: int) -> np.ndarray:
+    """Return a mask (n) of the messages that a link does not lose."""
+    kept, bad = np.zeros_like(there), False
     for k in range(there.shape[0]):
         if there[k]:
-            kept[k] = delay_of_message(k, r[k], bad, loss, no_blackouts, (0, 0), seed, stream) != NOT_SENT
-        if bad or loss[0] > 0.0:
-            bad = chain_after(k, bad, loss, seed, stream)
+            kept[k] = delay_of_message(radio, k, r[k], bad, seed) != NOT_SENT
+        if bad or radio.loss[0] > 0.0:
+            bad = chain_after(k, bad, radio.loss, seed, radio.stream)
     return kept
 
 

@@ -7,7 +7,7 @@ E. O. Elliott, 1963); independent (Bernoulli) loss is the same with one probabil
 at tick k with a delay of d ticks arrives at tick k + d; d = 0 is the same tick.
 """
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -26,43 +26,43 @@ _TIME = 3  # a blackout's axis, after x, y, z
 _LOST, _DELAY, _CHAIN = 0, 1, 2  # what each uniform number of a tick decides
 
 
-@cached_njit(_nrt=False)
-def delay_of_message(
-    k: int,
-    p_WB: np.ndarray,
-    bad: bool,
-    loss: np.ndarray,
-    blackouts: np.ndarray,
-    delays: tuple[int, int],
-    seed: int,
-    stream: np.uint64,
-) -> int:
-    """Return the delay d [ticks] of the message due at tick k, or NOT_SENT.
+class Radio(NamedTuple):
+    """A link's settings, for compiled functions."""
 
-    p_WB holds the vehicle's true position in its first three entries; `bad` is the state of the chain; loss (4) is what
-    loss_parameters returns, blackouts (n, 3) what blackout_rows returns; delays are the fixed and the largest
-    additional delay [ticks].
+    every: int
+    """ticks from one message to the next."""
+    delay: int
+    """fixed delay [ticks]."""
+    random: int
+    """largest additional delay [ticks]."""
+    loss: np.ndarray
+    """probabilities (4) as loss_parameters returns them."""
+    blackouts: np.ndarray
+    """rows (axis, start, end) (n, 3): axes 0 to 2 in metres, 3 the time in whole ticks."""
+    stream: np.uint64
+    """number of the noise stream."""
+
+
+@cached_njit(_nrt=False)
+def delay_of_message(radio: Radio, k: int, p_WB: np.ndarray, bad: bool, seed: int) -> int:
+    """Return the delay d [ticks] of the message of tick k; NOT_SENT if none is due, or it does not arrive.
+
+    p_WB holds the vehicle's true position in its first three entries; `bad` is the state of the chain.
     """
-    for i in range(blackouts.shape[0]):
-        axis = int(blackouts[i, 0])
+    if k % radio.every != 0:
+        return NOT_SENT
+    for i in range(radio.blackouts.shape[0]):
+        axis = int(radio.blackouts[i, 0])
         where = float(k) if axis == _TIME else p_WB[axis]
-        if blackouts[i, 1] <= where < blackouts[i, 2]:
+        if radio.blackouts[i, 1] <= where < radio.blackouts[i, 2]:
             return NOT_SENT
-    lost = loss[3 if bad else 2]
-    if lost == 0.0 and delays[1] == 0:
-        return delays[0]
-    u = four_uniforms(seed, stream, k)
+    lost = radio.loss[3 if bad else 2]
+    if lost == 0.0 and radio.random == 0:
+        return radio.delay
+    u = four_uniforms(seed, radio.stream, k)
     if u[_LOST] < lost:
         return NOT_SENT
-    return delays[0] + int(u[_DELAY] * (delays[1] + 1))
-
-
-@register_jitable
-def delay_of_tick(n: Any, k: int, seed: int, p_WB: np.ndarray, blackouts: np.ndarray, bad: bool) -> int:
-    """Return delay_of_message at tick k of a link with the numbers n; NOT_SENT if no message is due."""
-    if k % n.every != 0:
-        return NOT_SENT
-    return delay_of_message(k, p_WB, bad, n.loss, blackouts, (n.delay, n.random), seed, n.stream)
+    return radio.delay + int(u[_DELAY] * (radio.random + 1))
 
 
 @cached_njit(_nrt=False)
@@ -97,7 +97,7 @@ def landing_row(flying: np.ndarray, k: int, newest: float) -> int:
 
 
 def blackout_rows(settings: Link, h: float) -> np.ndarray:
-    """Return the blackouts as rows (axis, start, end): axes 0 to 2 in metres, 3 the time in whole ticks."""
+    """Return the blackouts of Radio (n, 3)."""
 
     def tick_from(time: float) -> int:
         return int(np.ceil(time / h - 1e-6))  # a time that is a tick up to rounding is that tick
@@ -111,21 +111,25 @@ def blackout_rows(settings: Link, h: float) -> np.ndarray:
     return np.array(rows, dtype=float).reshape(-1, 3)
 
 
-def link_out(n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, out: np.ndarray) -> None:
-    """Output delay_of_tick's delay [ticks] (1), NOT_SENT where no message is sent, for a link without a chain."""
-    out[0] = delay_of_tick(n, k, seed, state, blackouts, False)
+def radio_of(sensor: str, settings: Link, every: int, h: float) -> Radio:
+    """Return the link of a sensor that sends a message every `every` ticks of h [s]; errors as in loss_parameters."""
+    loss, blackouts = loss_parameters(settings.loss, h), blackout_rows(settings, h)
+    return Radio(every, settings.delay, settings.random_delay, loss, blackouts, stream_id(f"link/{sensor}"))
 
 
-def bursty_out(
-    n: Any, k: int, seed: int, state: np.ndarray, blackouts: np.ndarray, bad: np.ndarray, out: np.ndarray
-) -> None:
+def link_out(radio: Radio, k: int, seed: int, state: np.ndarray, out: np.ndarray) -> None:
+    """Output delay_of_message's delay [ticks] (1), NOT_SENT where no message is sent, for a link without a chain."""
+    out[0] = delay_of_message(radio, k, state, False, seed)
+
+
+def bursty_out(radio: Radio, k: int, seed: int, state: np.ndarray, bad: np.ndarray, out: np.ndarray) -> None:
     """Same as `link_out`, for a link whose chain is bad or good."""
-    out[0] = delay_of_tick(n, k, seed, state, blackouts, bad[0] != 0.0)
+    out[0] = delay_of_message(radio, k, state, bad[0] != 0.0, seed)
 
 
-def bursty_step(n: Any, k: int, seed: int, bad: np.ndarray) -> None:
+def bursty_step(radio: Radio, k: int, seed: int, bad: np.ndarray) -> None:
     """Advance the chain by a tick."""
-    bad[0] = 1.0 if chain_after(k, bad[0] != 0.0, n.loss, seed, n.stream) else 0.0
+    bad[0] = 1.0 if chain_after(k, bad[0] != 0.0, radio.loss, seed, radio.stream) else 0.0
 
 
 LINK = Element("link", out=link_out)
@@ -171,19 +175,9 @@ SENT = Element("sent", out=sent_out)
 
 def link_box(sensor: str, settings: Link, every: int, h: float) -> Box:
     """Return the box that decides losses and delays of a sensor's messages; it reads the true state (12)."""
-    given = Values(
-        {
-            "every": every,
-            "delay": settings.delay,
-            "random": settings.random_delay,
-            "loss": loss_parameters(settings.loss, h),
-            "stream": stream_id(f"link/{sensor}"),
-        },
-        tables={"blackouts": blackout_rows(settings, h)},
-    )
-    if settings.loss.kind not in ("bursts", "gilbert_elliott"):  # no chain that steps each tick
-        return Box(f"{sensor}_link", LINK, 1, given)
-    return Box(f"{sensor}_link", BURSTY, 1, given.updated(Values(start={"bad": np.zeros(1)})))
+    has_chain = settings.loss.kind in ("bursts", "gilbert_elliott")  # which steps each tick
+    given, element = (Values(start={"bad": np.zeros(1)}), BURSTY) if has_chain else (Values(), LINK)
+    return Box(f"{sensor}_link", element, 1, given).with_groups(radio=radio_of(sensor, settings, every, h))
 
 
 def is_late(settings: Link) -> bool:
