@@ -52,11 +52,15 @@ def reference_distance(flight: xr.Dataset) -> np.ndarray:
     return np.linalg.norm(flight["truth"].values[:, :3] - flight["reference"].values, axis=1)
 
 
+def nees_of(e: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return e^T P^-1 e (n) of errors (n, m) and their covariances (n, m, m)."""
+    return np.asarray(np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0]))
+
+
 def position_nees(flight: xr.Dataset) -> np.ndarray:
     """Return e^T P_pp^-1 e at every tick (n); chi-square with 3 degrees of freedom if the filter is consistent."""
     e = flight["estimate"].values[:, :3] - flight["truth"].values[:, :3]
-    P = flight["covariance"].values[:, :3, :3]
-    return np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0])
+    return nees_of(e, flight["covariance"].values[:, :3, :3])
 
 
 def nis(flight: xr.Dataset, sensor: str) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from ortilo_drake.flight.efficiency import floor_at_ticks
-from ortilo_drake.flight.metrics import loss_of
+from ortilo_drake.flight.metrics import loss_of, nees_of
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.model.optional import is_installed, missing
 from ortilo_drake.scenario import IntermittentFilter, Scenario
@@ -76,9 +76,8 @@ class Hindsight:
 def judged(x: np.ndarray, P: np.ndarray, truth: np.ndarray) -> Judged:
     """Return errors and NEES of estimated positions x (n, 3) with covariance P (n, 3, 3) against the truth (n, 3)."""
     e = x - truth
-    nees = np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0])
     a, b, c = np.mean(e**2, axis=0).tolist()
-    return Judged((a, b, c), float(np.mean(nees)))
+    return Judged((a, b, c), float(np.mean(nees_of(e, P))))
 
 
 def in_hindsight(recorded: RecordedFlight) -> FlightInHindsight:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from ortilo_drake.flight.metrics import nees_of
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording
@@ -24,7 +25,7 @@ from ortilo_drake.studies.fit.sensor_errors import BodyPath, body_path, mount_of
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.filtered import Estimate, estimate
-from ortilo_drake.studies.recorded.scores import nees_of, nis_of
+from ortilo_drake.studies.recorded.scores import nis_of
 from ortilo_drake.studies.recorded.setups import calibrated_setup, judged_part, with_aids
 from ortilo_drake.studies.recorded.truth_path import modelled
 from ortilo_drake.world.drawn_truth import AtStart

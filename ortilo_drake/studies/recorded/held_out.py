@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
+from ortilo_drake.flight.metrics import nees_of
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Recording
 from ortilo_drake.studies.recorded.at_rest import at_rest
@@ -20,7 +21,7 @@ from ortilo_drake.studies.recorded.filter_types import FilterSetup, noise_of
 from ortilo_drake.studies.recorded.filtered import Estimate, estimate
 from ortilo_drake.studies.recorded.reacquired import Innovations, innovation_score
 from ortilo_drake.studies.recorded.replayed import with_lever
-from ortilo_drake.studies.recorded.scores import nees_of, nis_of, rms_by_axis
+from ortilo_drake.studies.recorded.scores import nis_of, rms_by_axis
 from ortilo_drake.studies.recorded.setups import (
     calibrated_setup,
     given_level,

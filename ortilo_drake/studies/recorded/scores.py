@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ortilo_drake.flight.metrics import nees_of
 from ortilo_drake.model.optional import check_installed
 from ortilo_drake.studies.recorded.filtered import Estimate
 from ortilo_drake.studies.recorded.plain_fit import left_of
@@ -74,11 +75,6 @@ def by_evo(t: np.ndarray, p: np.ndarray, truth: np.ndarray) -> tuple[float, floa
     aligned = APE(kind)
     aligned.process_data(both)
     return before, float(np.sqrt(np.mean(aligned.error**2))), over_a_second
-
-
-def nees_of(e: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return e' P^-1 e (m) of errors (m, 3) and covariances (m, 3, 3)."""
-    return np.asarray(np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, None])[:, :, 0]))
 
 
 def nis_of(found: Estimate, begin: float, end: float) -> tuple[float, float]:
