@@ -3,12 +3,24 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from made_up_motion import ANCHORS
+from plain_filter import run_plainly
+
+from ortilo_drake.studies.live import anchor_bank, live_filter, rates_watch
+from ortilo_drake.studies.recorded import heading_doubts
 
 TOPICS = "[/r0, /r1, /r2, /r3, /r4, /r5]"
 RANGES = f"ranges: {{file: bag, topics: {TOPICS}, values: [range]}}\nanchors: {ANCHORS.tolist()}\n"
 IMU = "imu: {file: bag, topic: /imu}\n"
 START = "start: {position: [3, 6.1, 1.4], position_sd: 0.5, heading: 0.5}\n"
+
+
+def run_live_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a live filter and its watches as plain Python, for a test of a few seconds of messages."""
+    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
+    for watch, name in ((heading_doubts, "follow"), (rates_watch, "follow"), (anchor_bank, "follow_ranges")):
+        run_plainly(monkeypatch, watch, name)
 
 
 def header(t):

@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_messages import RANGES, START
+from live_messages import RANGES, START, run_live_plainly
 from made_up_motion import ANCHORS, BAG_MAP, as_map, made_up, write_bag
-from plain_filter import run_plainly
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -26,18 +25,14 @@ from ortilo_drake.commands.hil.app import hil_app
 from ortilo_drake.interop.mavlink import MOST_THRUST, attitude_target_fields
 from ortilo_drake.interop.recorded.bag_columns import bag_messages
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.live import anchor_bank, live_bridge, live_filter, rates_watch
+from ortilo_drake.studies.live import live_bridge, live_filter
 from ortilo_drake.studies.live.live_bridge import LiveBridge
 from ortilo_drake.studies.live.live_warnings import LiveWarnings
-from ortilo_drake.studies.recorded import heading_doubts
 
 
 @pytest.fixture
 def recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
-    run_plainly(monkeypatch, heading_doubts, "follow")
-    run_plainly(monkeypatch, rates_watch, "follow")
-    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    run_live_plainly(monkeypatch)
     monkeypatch.setattr(live_bridge, "time", SimpleNamespace(monotonic=lambda: 0.0))  # ages by the stamps alone
     write_bag(tmp_path / "bag", made_up(4.0), "sqlite3")
     (tmp_path / "MAP.yaml").write_text(BAG_MAP[: BAG_MAP.index("truth:")].replace("BAG", "bag") + START)

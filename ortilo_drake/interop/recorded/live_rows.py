@@ -109,8 +109,8 @@ def why_not_live(map_: Map) -> str | None:
 class LiveRows:
     """The rows of a map's topics; `origin` is the stamp of the first range [s], None before it is known.
 
-    `anchors` are the positions of the anchors (n, 3) [m]. Although a topic is silent, a row is released once the newest
-    stamp is `lag` [s] ahead of the row. InputError if the map cannot be read live.
+    `anchors` are the positions of the anchors (n, 3) [m], `topics` those to subscribe to. Although a topic is silent, a
+    row is released once the newest stamp is `lag` [s] ahead of the row. InputError if the map cannot be read live.
     """
 
     def __init__(self, map_: Map, lag: float = LAG):
@@ -133,11 +133,7 @@ class LiveRows:
         self._streams = [*(stream for stream, _ in self._of_ranges), *self._others.values()]
         ranging = [stream for stream, _ in self._of_ranges]
         self._sources = [*([ranging] if ranging else []), *([stream] for stream in self._others.values())]
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """The topics to subscribe to."""
-        return tuple(dict.fromkeys(stream.topic for stream in self._streams))
+        self.topics = tuple(dict.fromkeys(stream.topic for stream in self._streams))
 
     @property
     def newest(self) -> float:

@@ -103,7 +103,8 @@ class LiveBridge:
 
     say: takes a line about an error; note: takes a line about a change for the better, `say` by default; rate: of the
     estimates [Hz]; lag: longest time for which a silent topic holds the others back [s]; holding: makes setpoints;
-    wall: clock that passes as the sensors' [s]. InputError if the map cannot be used live, or the place to hold is far.
+    wall: clock that passes as the sensors' [s]; `topics` are those to listen to. InputError if the map cannot be used
+    live, or the place to hold is far.
     """
 
     def __init__(
@@ -117,6 +118,7 @@ class LiveBridge:
         wall: Callable[[], float] = time.monotonic,
     ):
         self._map, self._rows = map_, LiveRows(map_, lag)
+        self.topics = self._rows.topics
         if holding is not None:
             holding.check_within(self._rows.anchors)
         self._filter = LiveFilter(map_, self._rows.anchors, rate)
@@ -132,11 +134,6 @@ class LiveBridge:
         self._resumes: tuple[Kept, str] | None = None
         self._from = -np.inf  # estimates before this stamp are of a silence that is past [s]
         self._why: str | None = None  # why the last setpoint was refused, empty if it was sent; None before the first
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """The topics to listen to."""
-        return self._rows.topics
 
     @property
     def newest(self) -> float:

@@ -106,8 +106,10 @@ def best_by_rates(
     return fit(float(best))
 
 
-def gains_by_rates(imu: Imu, truth: Truth, offset: float) -> float | None:
+def gains_by_rates(imu: Imu | None, truth: Truth | None, offset: float) -> float | None:
     """Return the gain of the truth's clock on the imu's [s/s], by the truth's two halves; None if they do not tell."""
+    if imu is None or truth is None or truth.R is None:
+        return None
     middle = (truth.t[0] + truth.t[-1]) / 2.0
     first = best_by_rates(imu, truth, lambda _: (-np.inf, middle), NEAR, None, (offset,))
     second = best_by_rates(imu, truth, lambda _: (middle, np.inf), NEAR, None, (offset,))

@@ -150,9 +150,7 @@ def first_look(recording: Recording, map_: Map) -> CheapFit:
 
 def _gained(recording: Recording, offsets: np.ndarray) -> float | None:
     """Return the gain of the truth's clock on the imu's [s/s]; None if it is not known."""
-    imu, truth = recording.imu, recording.truth
-    known = imu is not None and truth is not None and truth.R is not None and len(offsets) == 1
-    return gains_by_rates(imu, truth, float(offsets[0])) if known else None  # type: ignore[arg-type]
+    return gains_by_rates(recording.imu, recording.truth, float(offsets[0])) if len(offsets) == 1 else None
 
 
 def _airborne(truth: Truth | None, map_: Map) -> Truth | None:

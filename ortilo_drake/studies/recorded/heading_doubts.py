@@ -105,8 +105,7 @@ class HeadingWatch:
 
     def __init__(self, setup: Setup):
         self._setup = setup
-        self._beside: TurnFilter | None = None
-        self._mirrored: TurnFilter | None = None
+        self._pair: tuple[TurnFilter, TurnFilter] | None = None  # among the map's anchors, and among mirrored ones
         self._start: State | None = None
         self._wrong_since, self._mirrored_since, self._anew = np.inf, np.inf, False
         self.doubt: HeadingDoubt | None = None
@@ -116,55 +115,37 @@ class HeadingWatch:
         """Take events in, and the main filter's state after them; `excused`: wrong anchors explain the error better."""
         if self.doubt is not None or self.mirror is not None or np.isfinite(state.watched[SINCE : SINCE + 2]).any():
             return  # an accelerometer that failed tells nothing
-        resting, beside = state.watched[RESTS] > 0.0, self._beside
+        resting, pair = state.watched[RESTS] > 0.0, self._pair
         astray = np.trace(state.C[:3, :3]) > ASTRAY**2
         ranging = ranging_of(self._setup, state)
-        if beside is None or resting or not follow(beside, events, heard, ranging):
-            self._anew |= beside is not None and not resting
-            self._beside, self._mirrored = (None if astray else turn_filter(state) for _ in range(2))
-            if self._mirrored is not None:
-                self._mirrored.z[:6] *= np.tile(Y, 2)  # position and velocity
-            self._start = state
+        if pair is None or resting or not follow(pair[0], events, heard, ranging):
+            self._anew |= pair is not None and not resting
+            self._start, self._pair = state, None if astray else (turn_filter(state), turn_filter(state))
+            if self._pair is not None:
+                self._pair[1].z[:6] *= np.tile(Y, 2)  # position and velocity
             self._wrong_since = self._mirrored_since = np.inf
             return
-        assert self._mirrored is not None
-        follow(self._mirrored, events, heard, ranging._replace(anchors=ranging.anchors * Y))
-        self._mirrored_since = min(self._mirrored_since, state.t) if self._is_mirrored() and not excused else np.inf
+        follow(pair[1], events, heard, ranging._replace(anchors=ranging.anchors * Y))
+        self._mirrored_since = min(self._mirrored_since, state.t) if _is_mirrored(*pair) and not excused else np.inf
         if state.t - self._mirrored_since >= HOLDS:
-            self.mirror = MirrorDoubt(state.t, turn_found(self._mirrored).angle, not self._anew)
+            self.mirror = MirrorDoubt(state.t, turn_found(pair[1]).angle, not self._anew)
             return
-        found = None if excused or self._is_worse(TIMES[0]) else self._judged(state)
+        found = None if excused or _is_worse(*pair, TIMES[0]) else self._judged(pair[0], state)
         if found is None:
             self._wrong_since = np.inf
         else:
             self._wrong_since = min(self._wrong_since, state.t)
             self.doubt = found if state.t - self._wrong_since >= HOLDS else None
 
-    def _is_mirrored(self) -> bool:
-        """Return whether a turn fits among the mirrored anchors, and no turn, or a much worse one, among the map's."""
-        assert self._beside is not None
-        assert self._mirrored is not None
-        own, other = turn_found(self._beside), turn_found(self._mirrored)
-        apart = APART * float(np.hypot(own.sd * own.length, other.sd * other.length))
-        fits = MIRRORED[0] < other.length < MIRRORED[1] and other.sd < SURE
-        return fits and ((own.length < OTHERWISE and other.length - own.length > apart) or self._is_worse(TIMES[1]))
-
-    def _is_worse(self, times: float) -> bool:
-        """Return whether the mean e²/S among the map's anchors exceeds `times` that among the mirrored ones."""
-        assert self._beside is not None
-        assert self._mirrored is not None
-        return bool(self._beside.marks[SQUARE] > times * self._mirrored.marks[SQUARE])
-
-    def _judged(self, state: State) -> HeadingDoubt | None:
-        assert self._beside is not None
+    def _judged(self, beside: TurnFilter, state: State) -> HeadingDoubt | None:
         assert self._start is not None
-        turn, start = turn_found(self._beside), self._start
+        turn, start = turn_found(beside), self._start
         if turn.sd > SURE or not LENGTH[0] < turn.length < LENGTH[1]:
             return None
         drift = np.sqrt(start.C[GYRO + 2, GYRO + 2]) * (state.t - start.t)
         if not self._anew and _is_off(turn.angle, turn.sd, np.sqrt(start.C[THETA + 2, THETA + 2]), drift):
             return HeadingDoubt(state.t, -turn.angle, turn.sd, wrapped(_yaw(start.x[Q:ADDITIVE]) + turn.angle))
-        now = wrapped(turn.angle + _yaw(self._beside.q) - _yaw(state.x[Q:ADDITIVE]))
+        now = wrapped(turn.angle + _yaw(beside.q) - _yaw(state.x[Q:ADDITIVE]))
         if _is_off(now, turn.sd, np.sqrt(state.C[THETA + 2, THETA + 2])):
             return HeadingDoubt(state.t, -now, turn.sd, None)
         return None
@@ -198,6 +179,20 @@ def ranging_of(setup: Setup, state: State) -> Ranging:
     n, noise = len(setup.anchors), setup.noise
     sd = max(RANGE_SD, float(np.hypot(noise.range_white, noise.range_correlated)))
     return Ranging(setup.anchors, state.x[nominal(BIASES) : nominal(BIASES) + n].copy(), setup.levers, sd)
+
+
+def _is_mirrored(beside: TurnFilter, mirrored: TurnFilter) -> bool:
+    """Return whether a turn fits among the mirrored anchors, and no turn, or a much worse one, among the map's."""
+    own, other = turn_found(beside), turn_found(mirrored)
+    apart = APART * float(np.hypot(own.sd * own.length, other.sd * other.length))
+    fits = MIRRORED[0] < other.length < MIRRORED[1] and other.sd < SURE
+    less = own.length < OTHERWISE and other.length - own.length > apart
+    return fits and (less or _is_worse(beside, mirrored, TIMES[1]))
+
+
+def _is_worse(beside: TurnFilter, mirrored: TurnFilter, times: float) -> bool:
+    """Return whether the mean e²/S among the map's anchors exceeds `times` that among the mirrored ones."""
+    return bool(beside.marks[SQUARE] > times * mirrored.marks[SQUARE])
 
 
 def _is_off(angle: float, *deviations: float) -> bool:

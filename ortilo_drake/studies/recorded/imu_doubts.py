@@ -165,9 +165,7 @@ def attitude_doubts(recording: Recording, map_: Map, offset: float, up: np.ndarr
 
 def drift_doubts(recording: Recording, map_: Map, offset: float) -> list[str]:
     """Return a doubt if the imu's clock drifts against the truth's clock, by the turns of both."""
-    assert recording.imu is not None
-    known = recording.truth is not None and recording.truth.R is not None
-    gains = gains_by_rates(recording.imu, recording.truth, offset) if known else None  # type: ignore[arg-type]
+    gains = gains_by_rates(recording.imu, recording.truth, offset)
     if gains is None or abs(gains) < DRIFT:
         return []
     return [f"imu: the truth's clock gains {gains:.2%} on it, not on the ranges': {unit_key(map_, 1.0 + gains)}"]

@@ -148,13 +148,11 @@ def moved_anchor(trial: Trial, map_: Map) -> Guess | None:
     now, n, path = trial.now, len(trial.now.anchors), path_of(trial.now)
     if path is None and n < FEWEST:
         return None
-    fits = [trial.fit_of(now._replace(without=i), path) for i in range(n)]
-    order = sorted((i for i in range(n) if fits[i] is not None), key=lambda i: fits[i].left)  # type: ignore[union-attr]
-    if len(order) < 2:
+    tried = ((i, trial.fit_of(now._replace(without=i), path)) for i in range(n))
+    fits = sorted(((i, fit) for i, fit in tried if fit is not None), key=lambda one: one[1].left)
+    if len(fits) < 2:
         return None
-    i, fit, second = order[0], fits[order[0]], fits[order[1]]
-    assert fit is not None
-    assert second is not None
+    (i, fit), (_, second) = fits[:2]
     if not trial.is_better(fit, now) or second.left < ALONE * fit.left:
         return None
     name, own = names_of(map_, n)[i], now.anchors[i]

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from live_messages import RANGES, messages_of
+from live_messages import RANGES, messages_of, run_live_plainly
 from made_up_motion import BIASES, as_map, made_up
-from plain_filter import run_plainly
 
-from ortilo_drake.studies.live import anchor_bank, live_filter
 from ortilo_drake.studies.live.live_bridge import LiveBridge
 from ortilo_drake.studies.live.sensor_records import AnchorRecord
 from ortilo_drake.studies.recorded.filter_types import BIASES as AT
@@ -41,8 +39,7 @@ def test_the_figures_are_means_of_what_was_taken() -> None:
 
 
 def test_a_report_has_the_figures_of_each_anchor(monkeypatch) -> None:
-    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
-    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    run_live_plainly(monkeypatch)
     bridge = LiveBridge(as_map(RANGES), lambda _: None)
     motion = made_up(2.5)
     for message in messages_of(motion._replace(r=motion.r - BIASES)):

@@ -5,16 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_messages import IMU, RANGES, START, messages_of
+from live_messages import IMU, RANGES, START, messages_of, run_live_plainly
 from made_up_motion import as_map, made_up, place
-from plain_filter import run_plainly
 
 from ortilo_drake.commands.hil.going_on import kept_in
-from ortilo_drake.studies.live import anchor_bank, kept_state, live_filter
+from ortilo_drake.studies.live import kept_state, live_filter
 from ortilo_drake.studies.live.kept_state import EVERY, Kept, StateKeeper, load_state, why_not
 from ortilo_drake.studies.live.live_bridge import LiveBridge
 from ortilo_drake.studies.live.stamped_estimate import Limits
-from ortilo_drake.studies.recorded import heading_doubts
 from ortilo_drake.studies.recorded.anchor_trust import ASTRAY
 from ortilo_drake.studies.recorded.filter_types import State
 from ortilo_drake.studies.recorded.imu_watch import RESTS
@@ -27,9 +25,7 @@ DIES, BACK = 1.5, 3.41
 
 @pytest.fixture(autouse=True)
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
-    run_plainly(monkeypatch, heading_doubts, "follow")
-    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    run_live_plainly(monkeypatch)
 
 
 def bridge_of(map_, path: Path, lines: list[str], sent: list) -> LiveBridge:

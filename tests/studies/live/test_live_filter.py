@@ -4,7 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from live_messages import IMU, RANGES, START, messages_of
+from live_messages import IMU, RANGES, START, messages_of, run_live_plainly
 from made_up_motion import ANCHORS, BAG_MAP, as_map, made_up, quick_place, write_bag
 from plain_filter import run_plainly
 
@@ -12,10 +12,9 @@ from ortilo_drake.interop.recorded.bag_columns import at_pace, bag_messages
 from ortilo_drake.interop.recorded.range_rows import single_ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording, read_recording
 from ortilo_drake.model.typed_yaml import InputError
-from ortilo_drake.studies.live import anchor_bank, live_filter, rates_watch
 from ortilo_drake.studies.live.live_bridge import LiveBridge, run_live
 from ortilo_drake.studies.live.sensor_records import LOST
-from ortilo_drake.studies.recorded import heading_doubts, reacquired
+from ortilo_drake.studies.recorded import reacquired
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.filtered import TRIAL, estimate
 from ortilo_drake.studies.recorded.replayed import RAW, replay
@@ -80,11 +79,8 @@ def test_with_an_imu_each_estimate_is_the_replayed_one_bit_for_bit(reflected) ->
 
 
 def test_topics_that_come_late_and_in_turns_make_no_difference(monkeypatch) -> None:
-    for module in (reacquired, live_filter):
-        run_plainly(monkeypatch, module, "run_filter", "initial_carried")
-    run_plainly(monkeypatch, heading_doubts, "follow")
-    run_plainly(monkeypatch, rates_watch, "follow")
-    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    run_live_plainly(monkeypatch)
+    run_plainly(monkeypatch, reacquired, "run_filter", "initial_carried")
     motion, map_ = as_stamped(made_up(2.5)), as_map(RANGES + IMU + START)
     behind = {f"/r{i}": 7_000_000 * i for i in range(6)} | {"/imu": 20_000_000}  # [ns]
     messages = sorted(messages_of(motion), key=lambda one: one[1] + behind[one[0]])
@@ -94,10 +90,8 @@ def test_topics_that_come_late_and_in_turns_make_no_difference(monkeypatch) -> N
 
 def test_in_a_silence_of_the_imu_the_estimates_are_the_replayed_ones(monkeypatch) -> None:
     """Live, a run then has no samples at all: the last one must not hold for longer than in a replay."""
-    for module in (reacquired, live_filter):
-        run_plainly(monkeypatch, module, "run_filter", "initial_carried")
-    run_plainly(monkeypatch, heading_doubts, "follow")
-    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    run_live_plainly(monkeypatch)
+    run_plainly(monkeypatch, reacquired, "run_filter", "initial_carried")
     motion, map_ = as_stamped(made_up(2.6)), as_map(RANGES + IMU + START)
     heard = (motion.t_imu < 1.2) | (motion.t_imu > 2.2)
     motion = motion._replace(t_imu=motion.t_imu[heard], imu=motion.imu[heard])
@@ -148,10 +142,7 @@ def test_what_is_missing_is_said_where_nothing_begins() -> None:
 @pytest.mark.parametrize(("x", "sd", "refused"), [(3.0, 0.03, False), (5.0, 0.03, True), (5.0, 1.0, False)])
 def test_a_start_that_the_first_ranges_contradict_is_refused(monkeypatch, x, sd, refused) -> None:
     """An autopilot that is given a wrong start flies by it for tens of seconds: the anchors' biases take it up."""
-    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
-    run_plainly(monkeypatch, heading_doubts, "follow")
-    run_plainly(monkeypatch, rates_watch, "follow")
-    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    run_live_plainly(monkeypatch)
     motion, place = made_up(1.5), [x, 6.1, 1.4]
     map_ = as_map(RANGES + IMU + f"start: {{position: {place}, position_sd: {sd}, heading: 0.5}}\n")
     off = np.median(np.abs(motion.r[0] - np.linalg.norm(place - ANCHORS, axis=1)))
@@ -168,10 +159,7 @@ def test_why_nothing_begins_is_said_after_three_seconds() -> None:
 
 @pytest.mark.parametrize(("heading", "told"), [(0.5, False), (0.5 - np.pi / 2, True)])
 def test_a_heading_that_the_ranges_contradict_is_said(monkeypatch, heading, told) -> None:
-    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
-    run_plainly(monkeypatch, heading_doubts, "follow")
-    run_plainly(monkeypatch, rates_watch, "follow")
-    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    run_live_plainly(monkeypatch)
     start = f"start: {{position: {quick_place(np.zeros(1))[0].tolist()}, position_sd: 0.1, heading: {heading}}}\n"
     noise = "filter: {range_white: 0.03, range_correlated: 0.02, acceleration: 0.05}\n"
     _, _, lines = live(as_map(RANGES + IMU + start + noise), messages_of(made_up(5.0, place=quick_place)))
@@ -183,10 +171,7 @@ def test_a_heading_that_the_ranges_contradict_is_said(monkeypatch, heading, told
 @pytest.mark.parametrize(("lasts", "anew"), [(0.8 * LOST, False), (1.2 * LOST, True)])
 def test_after_a_long_silence_of_the_imu_nothing_is_claimed_by_the_old_heading(monkeypatch, lasts, anew) -> None:
     """It claimed a heading to 7 degrees that was 93 degrees wrong; in the air one is found in 30 s, see TRIAL."""
-    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
-    run_plainly(monkeypatch, heading_doubts, "follow")
-    run_plainly(monkeypatch, rates_watch, "follow")
-    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    run_live_plainly(monkeypatch)
     motion = made_up(9.0)
     keep = (motion.t_imu < 1.5) | (motion.t_imu > 1.5 + lasts)
     motion = motion._replace(t_imu=motion.t_imu[keep], imu=motion.imu[keep])
@@ -203,10 +188,7 @@ def test_after_a_long_silence_of_the_imu_nothing_is_claimed_by_the_old_heading(m
 @pytest.mark.parametrize("blackout", [0.0, 2.0])
 def test_the_trials_behind_a_long_silence_of_the_imu_start_over_behind_a_blackout(monkeypatch, blackout) -> None:
     """Headings tried over one ended 102 degrees off."""
-    run_plainly(monkeypatch, live_filter, "run_filter", "initial_carried")
-    run_plainly(monkeypatch, heading_doubts, "follow")
-    run_plainly(monkeypatch, rates_watch, "follow")
-    run_plainly(monkeypatch, anchor_bank, "follow_ranges")
+    run_live_plainly(monkeypatch)
     motion = without(made_up(13.0), 9.02, 9.02 + blackout)
     keep = (motion.t_imu < 1.5) | (motion.t_imu > 1.7 + LOST)
     bridge = LiveBridge(as_map(RANGES + IMU + START), lambda line: None)
