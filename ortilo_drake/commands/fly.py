@@ -16,33 +16,29 @@ LOST = 3  # exit code of a lost flight
 
 
 def _print_flight(
-    result: Summary, chosen: Scenario, said: str, blackout: float, by_drake: str | None, advice: str | None
+    result: Summary, chosen: Scenario, line: str, blackout: float, by_drake: str | None, advice: str | None
 ) -> None:
     from ortilo_drake.sensors.described import described
 
     terminal.say_heading(result.scenario, f", seed {result.seed}")
-    terminal.out.print(f"  [{'red' if result.lost else 'green'}]{escape(said)}[/]", soft_wrap=True)
+    terminal.out.print(f"  [{'red' if result.lost else 'green'}]{escape(line)}[/]", soft_wrap=True)
     terminal.show_rows(
         _rows(result)
         | _loss_rows(chosen, result)
         | {"flown by": f"{result.player}{f' ({by_drake})' if by_drake else ''}"}
     )
-    if result.contacts:
-        terminal.out.print(
-            f"  [yellow]touched[/yellow]             {escape(', '.join(result.contacts))}", soft_wrap=True
-        )
+    notes = [("touched", "yellow", ", ".join(result.contacts))]
     if result.lost:
-        line = "one flight cannot tell; `ortilo rare` estimates it for the same scenario and settings"
-        terminal.out.print(f"  how often           {line}", soft_wrap=True)
-    if advice:
-        terminal.out.print(f"  [yellow]angles, rates[/yellow]       {advice}", soft_wrap=True)
+        rare = "one flight cannot tell; `ortilo rare` estimates it for the same scenario and settings"
+        notes.append(("how often", "default", rare))
+    notes.append(("angles, rates", "yellow", advice or ""))
     if blackout > 0.0:
-        line = f"{blackout:.1%} of the time, on purpose: uwb.link.blackouts of the scenario"
-        terminal.out.print(f"  UWB blacked out     {line}", soft_wrap=True)
-    for name, rate in result.arrivals.items():
-        silent = described(name).advice
-        if rate == 0.0 and silent is not None:
-            terminal.out.print(f"  [yellow]{name:18}[/yellow]  {silent}", soft_wrap=True)
+        times = f"{blackout:.1%} of the time, on purpose: uwb.link.blackouts of the scenario"
+        notes.append(("UWB blacked out", "default", times))
+    notes += [(name, "yellow", described(name).advice or "") for name, rate in result.arrivals.items() if rate == 0.0]
+    for name, color, note in notes:
+        if note:
+            terminal.out.print(f"  [{color}]{name:18}[/]  {escape(note)}", soft_wrap=True)
 
 
 def _rows(result: Summary) -> dict[str, str]:
@@ -68,12 +64,12 @@ def _loss_rows(scenario: Scenario, result: Summary) -> dict[str, str]:
     from ortilo_drake.scenario.loss_chain import mean_loss
 
     asked = {sensor: mean_loss(scenario.link_of(sensor).loss, scenario.h) for sensor in result.arrivals}
-    said = [
+    losses = [
         f"{sensor} set to {asked[sensor]:.1%}, in this flight {1.0 - rate:.1%} with blackouts and refused fixes"
         for sensor, rate in result.arrivals.items()
         if rate is not None and asked[sensor] > 0.0
     ]
-    return {"loss": ", ".join(said)} if said else {}
+    return {"loss": ", ".join(losses)} if losses else {}
 
 
 def fly(

@@ -46,9 +46,9 @@ WorkersOption = Annotated[
 ]
 
 
-def picture_option(said: str) -> Any:
-    """Return an option that names a figure's file; its help begins with `said`."""
-    return typer.Option(help=f"{said}, .png, .svg or .pdf.", callback=_of_picture)
+def picture_option(text: str) -> Any:
+    """Return an option that names a figure's file; its help begins with `text`."""
+    return typer.Option(help=f"{text}, .png, .svg or .pdf.", callback=_of_picture)
 
 
 def _of_picture(file: Path | None) -> Path | None:
@@ -64,9 +64,9 @@ def _to_write(file: Path | None) -> Path | None:
     return file
 
 
-def yaml_option(said: str) -> Any:
+def yaml_option(text: str) -> Any:
     """Return the option --out for a YAML file."""
-    return typer.Option("--out", help=said, callback=_of_yaml)
+    return typer.Option("--out", help=text, callback=_of_yaml)
 
 
 def _of_yaml(file: Path | None) -> Path | None:

@@ -60,8 +60,8 @@ def check_scenario(scenario: ScenarioArgument = DEFAULT_SCENARIO, settings: SetO
     )
     up, down = lags = vehicle.rotor_time_constant
     if chosen.world.rotors.kind == "ideal" and lags != M100.rotor_time_constant:
-        told = f"ideal: the vehicle's lag of {up:g} and {down:g} s is not simulated; `--set '{LAGGING}'` simulates it"
-        say(f"  rotors: {told}")
+        note = f"ideal: the vehicle's lag of {up:g} and {down:g} s is not simulated; `--set '{LAGGING}'` simulates it"
+        say(f"  rotors: {note}")
     if not warnings and (line := filter_for_lag(chosen)):
         say(f"  filter: {line}")
     if warnings:

@@ -41,11 +41,11 @@ class Block:
 
 @dataclass(frozen=True)
 class Arrow:
-    """An input of a box, or a box that a bundle holds: `said` is "box" or "box.part", `wire` the source."""
+    """An input of a box, or a box that a bundle holds: `signal` is "box" or "box.part", `wire` the source."""
 
     reader: str
     port: str
-    said: str
+    signal: str
     wire: Wire
 
 
@@ -107,7 +107,7 @@ def _place(wiring: Wiring, name: str) -> tuple[str, str]:
 
 
 def _signal(arrow: Arrow, source: Block) -> str:
-    box, _, part = arrow.said.partition(".")
+    box, _, part = arrow.signal.partition(".")
     if source.column in ("sensor", "fix"):
         return {"sensor": "message", "fix": "fix"}[source.column]
-    return _SIGNALS.get(arrow.said) or _SIGNALS.get(part) or part or _SIGNALS.get(box) or box.replace("_", " ")
+    return _SIGNALS.get(arrow.signal) or _SIGNALS.get(part) or part or _SIGNALS.get(box) or box.replace("_", " ")

@@ -125,12 +125,12 @@ def bridge(
     vehicle flies to goals on /goal_pose, in real time: to their x and y, at its present height.
     """
     chosen = load_scenario(scenario, tuple(settings or ()), seed)
+    if vision and mavlink is None:
+        raise InputError("--vision: needs --mavlink")
     if source is not None:
         options = LiveOptions(
             source, map_file, rate, lag, speed, hold, yaw, arm, hover_thrust, most_deviation, state, keep
         )
-        if vision and mavlink is None:
-            raise InputError("--vision: needs --mavlink")
         run_live_bridge(options, chosen, mavlink, vision, seconds, json_file, ros2, (system, component))
         return
     for name, value in (
@@ -146,8 +146,6 @@ def bridge(
             raise InputError(f"{name}: needs --from")
     if not ros2 and mavlink is None:
         raise InputError("--ros2, --mavlink: one of them is needed, or both")
-    if vision and mavlink is None:
-        raise InputError("--vision: needs --mavlink")
     from ortilo_drake.hil.bridge import Goals, Target, mavlink_target, ros2_target, run_bridge
     from ortilo_drake.hil.wire.key_file import choose_key
     from ortilo_drake.interop.mavlink import MavlinkBridge
