@@ -26,13 +26,13 @@ def kept_in(
         say(f"warning  {path}: is not used: {error}")
     keeper = StateKeeper(path, map_, say)
 
-    def send_and_keep(told: Any, wanted: Any, resets: int) -> None:
-        send(told, wanted, resets)
-        keeper.keep(told.t, bridge.kept)
+    def send_and_keep(stamped: Any, wanted: Any, resets: int) -> None:
+        send(stamped, wanted, resets)
+        keeper.keep(stamped.t, bridge.kept)
 
-    def forget(told: Any, wanted: Any, resets: int) -> None:
+    def forget(stamped: Any, wanted: Any, resets: int) -> None:
         if bridge.kept is None:  # the next bridge must not start from a wrong state
-            keeper.keep(told.t, None)
+            keeper.keep(stamped.t, None)
 
     bridge.add_target("state", forget)
     return send_and_keep

@@ -275,13 +275,13 @@ def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[...
     first = math.nan
     send_estimate = sender.send_vision if vision else sender.send
 
-    def send(told: Any, wanted: Any, lost: int) -> None:
+    def send(stamped: Any, wanted: Any, lost: int) -> None:
         nonlocal first
-        first = told.t if math.isnan(first) else first
-        send_estimate(told.t, told.estimate, told.covariance, lost)
+        first = stamped.t if math.isnan(first) else first
+        send_estimate(stamped.t, stamped.estimate, stamped.covariance, lost)
         if options.arm and wanted is not None and not wanted.refused:
             assert options.hover_thrust is not None
-            sender.send_attitude(told.t - first, wanted.rpy, options.hover_thrust * wanted.thrust / GRAVITY)
+            sender.send_attitude(stamped.t - first, wanted.rpy, options.hover_thrust * wanted.thrust / GRAVITY)
 
     return send
 
@@ -289,9 +289,9 @@ def _to_mavlink(sender: Any, vision: bool, options: LiveOptions) -> Callable[...
 def _to_ros2(node: Any) -> Callable[..., None]:
     """Return a target that publishes every estimate and setpoint to ROS 2."""
 
-    def send(told: Any, wanted: Any, lost: int) -> None:
-        node.send_estimate(told.t, told.estimate, told.covariance)
+    def send(stamped: Any, wanted: Any, lost: int) -> None:
+        node.send_estimate(stamped.t, stamped.estimate, stamped.covariance)
         if wanted is not None and not wanted.refused:
-            node.send_setpoint(told.t, wanted.rpy, wanted.thrust)
+            node.send_setpoint(stamped.t, wanted.rpy, wanted.thrust)
 
     return send
