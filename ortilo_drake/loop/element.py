@@ -91,8 +91,7 @@ class Group:
 def group_of(name: str, values: Any) -> tuple[Group, "Values"]:
     """Return the fields of a NamedTuple as a Group, and its values as a box's Values.
 
-    Raises:
-        ValueError: if a field is no number, array of numbers or such a NamedTuple.
+    ValueError if a field is no number, array of numbers or such a NamedTuple.
     """
     fields, given = list[Number | Array | Group](), Values()
     for field_name, value in values._asdict().items():
