@@ -12,6 +12,7 @@ from ortilo_drake.flight.lost import contacts
 from ortilo_drake.flight.summary import FixError, Loss, Summary
 from ortilo_drake.model.measurement import Measurement
 from ortilo_drake.model.signals import N_X
+from ortilo_drake.model.white_noise import nees_of
 from ortilo_drake.sensors.described import unwired
 
 
@@ -50,11 +51,6 @@ def path_distance_mse(flight: xr.Dataset) -> float:
 def reference_distance(flight: xr.Dataset) -> np.ndarray:
     """Return the distance [m] (n) of the true position from the reference r_k at every tick."""
     return np.linalg.norm(flight["truth"].values[:, :3] - flight["reference"].values, axis=1)
-
-
-def nees_of(e: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return e^T P^-1 e (n) of errors (n, m) and their covariances (n, m, m)."""
-    return np.asarray(np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0]))
 
 
 def position_nees(flight: xr.Dataset) -> np.ndarray:

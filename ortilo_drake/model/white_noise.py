@@ -21,3 +21,8 @@ def white_sd(density: float, period: float) -> float:
 def white_variances(variances: tuple[float, ...], period: float) -> np.ndarray:
     """Rescale the variances of samples taken every USUAL_PERIOD to samples taken every `period` seconds."""
     return np.array(variances) * (USUAL_PERIOD / period)
+
+
+def nees_of(e: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return e^T P^-1 e (n) of errors (n, m) and their covariances (n, m, m)."""
+    return np.asarray(np.einsum("ki,ki->k", e, np.linalg.solve(P, e[:, :, np.newaxis])[:, :, 0]))

@@ -104,7 +104,7 @@ def test_a_lost_flight_is_written_and_has_an_exit_code_of_its_own(
     assert lost["cause"] == "left the room"
     said = capsys.readouterr().out
     assert f"lost at {lost['time']:.1f} s: left the room" in said
-    assert "`ortilo rare` does, for the same scenario and settings" in said
+    assert "`ortilo rare` estimates it for the same scenario and settings" in said
 
 
 def test_a_sensor_that_does_not_fly_and_a_path_error_that_is_not_defined_are_null(
@@ -374,7 +374,7 @@ def test_control_c_ends_with_code_130_and_one_line(
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("fly", "nominal_imu_uwb", "--detector", "a.cfg", "a.weights"), "flies without a camera"),
+        (("fly", "nominal_imu_uwb", "--detector", "a.cfg", "a.weights"), "has no camera: must fly with one"),
         (("fly", "nominal_imu_uwb_yolo", "--camera", "projected", "--detector", "a.cfg", "a.weights"), "does not draw"),
         (("detector", "evaluate", "--detector", "a.cfg", "a.weights"), "a.cfg: cannot be read"),
         (("detector", "calibrate", "--detector", "a.cfg", "a.weights"), "a.cfg: cannot be read"),

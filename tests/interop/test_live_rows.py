@@ -195,7 +195,10 @@ def test_rows_that_name_their_anchor_may_come_out_of_order() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (RANGES.replace(f"topics: {TOPICS}", "time: t").replace("[range]", "[1, 2, 3, 4, 5, 6]"), "needs its `topic`")
+        (
+            RANGES.replace(f"topics: {TOPICS}", "time: t").replace("[range]", "[1, 2, 3, 4, 5, 6]"),
+            "each live source needs a `topic`",
+        )
         for TOPICS in ("[/r0, /r1, /r2, /r3, /r4, /r5]",)
     ]
     + [

@@ -205,7 +205,7 @@ def test_an_unweighted_integral_or_yaw_is_refused() -> None:
 
 
 def test_matrices_beyond_what_can_be_computed_with_are_refused() -> None:
-    with pytest.raises(InputError, match="mass, inertia and control_rate are too far apart"):
+    with pytest.raises(InputError, match="mass, inertia and control_rate differ too much in size"):
         lq_gain(np.full_like(PHIBAR, np.inf), GAMMABAR, Q, R)
 
 

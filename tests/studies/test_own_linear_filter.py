@@ -114,7 +114,7 @@ def test_the_floor_counts_what_it_reads() -> None:
 def test_without_a_declaration_a_line_says_what_is_missing() -> None:
     run_path(str(EXAMPLES / "range_follower.py"))
     flown = od.load_scenario("nominal_imu_uwb", {"estimator": {"kind": "range_follower"}})
-    line = "estimator.kind: range_follower: must be intermittent, or registered with the linear filter that it is "
-    assert why_no_loop(flown) == f"{line}about hover"
+    line = "estimator.kind: range_follower: must be intermittent, or registered with its linear filter at hover"
+    assert why_no_loop(flown) == line
     with pytest.raises(od.InputError, match=line):
         hover_loop(flown)

@@ -39,5 +39,5 @@ def test_a_sensor_needs_a_system_or_a_compiled_share() -> None:
         """Settings."""
 
     sensor = od.Sensor("depth", Settings, (od.row("z_depth", z=1.0),), sd=lambda s, r, x: x)
-    with pytest.raises(od.InputError, match="sensor: depth: must be given as a System, make_world, or by a share"):
+    with pytest.raises(od.InputError, match="sensor: depth: needs make_world, which makes a System, or compiled"):
         od.register_sensor(sensor)

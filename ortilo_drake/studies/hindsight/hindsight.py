@@ -7,9 +7,10 @@ from typing import Final
 import numpy as np
 
 from ortilo_drake.flight.efficiency import floor_at_ticks
-from ortilo_drake.flight.metrics import loss_of, nees_of
+from ortilo_drake.flight.metrics import loss_of
 from ortilo_drake.flight.processes.workers import run_all
 from ortilo_drake.model.optional import is_installed, missing
+from ortilo_drake.model.white_noise import nees_of
 from ortilo_drake.scenario import IntermittentFilter, Scenario
 from ortilo_drake.studies.hindsight.recorded_flight import RecordedFlight, fly_recorded
 from ortilo_drake.studies.hindsight.rts import is_linear, smoothed

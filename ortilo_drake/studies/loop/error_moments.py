@@ -156,10 +156,10 @@ def position_moments(scenario: Scenario, V: np.ndarray, some: list[Drive], ticks
 
 # Entries of truth without a linear error: they scale what changes little at hover, or pass before it counts.
 FACTORS: dict[str, tuple[str, ...]] = {
-    "vehicle": ("inertia_factor",),
-    "imu": ("angles_factor", "rates_factor", "specific_force_factor"),
-    "uwb": ("factor",),
-    "camera": ("focal_factor",),
+    "truth.vehicle": ("inertia_factor",),
+    "truth.imu": ("angles_factor", "rates_factor", "specific_force_factor"),
+    "truth.uwb": ("factor",),
+    "truth.camera": ("focal_factor",),
 }
 OTHERS = ("clock", "start")
 
@@ -172,7 +172,7 @@ def left_out(scenario: Scenario) -> list[str]:
     }
     for group, factors in FACTORS.items():
         changed = {name.removesuffix("_sd") for name in _changed(scenario, group)}
-        found |= {f"truth.{group}.{name}": name in changed for name in factors}
+        found |= {f"{group}.{name}": name in changed for name in factors}
     found |= {f"truth.{name}": getattr(scenario.truth, name) != getattr(Truth(), name) for name in OTHERS}
     return [name for name, there in found.items() if there]
 
@@ -180,9 +180,9 @@ def left_out(scenario: Scenario) -> list[str]:
 def in_the_rms_alone(scenario: Scenario) -> list[str]:
     """Return the settings that enter the predicted rms but not the other figures."""
     found = _of_sensors(scenario, 1)
-    for group in (name for name in Truth.model_fields if name not in OTHERS):
+    for group in (f"truth.{name}" for name in Truth.model_fields if name not in OTHERS):
         changed = {name.removesuffix("_sd") for name in _changed(scenario, group) if not name.endswith("_time")}
-        found[f"truth.{group}"] = not changed.issubset(FACTORS.get(group, ()))
+        found[group] = not changed.issubset(FACTORS.get(group, ()))
     return [name for name, there in found.items() if there]
 
 
@@ -196,7 +196,8 @@ def _of_sensors(scenario: Scenario, which: int) -> dict[str, bool]:
 
 
 def _changed(scenario: Scenario, group: str) -> set[str]:
-    """Return the fields of a group of truth that are not as usual; none of a sensor that does not fly."""
-    its, usual = dict(getattr(scenario.truth, group)), dict(getattr(Truth(), group))
-    flies = group not in SENSORS or group in scenario.sensors
+    """Return the fields of a group, truth.<name>, that are not as usual; none of a sensor that does not fly."""
+    name_of = group.removeprefix("truth.")
+    its, usual = dict(getattr(scenario.truth, name_of)), dict(getattr(Truth(), name_of))
+    flies = name_of not in SENSORS or name_of in scenario.sensors
     return {name for name in its | usual if its.get(name) != usual.get(name)} if flies else set()

@@ -15,11 +15,11 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from ortilo_drake.flight.metrics import nees_of
 from ortilo_drake.interop.recorded.map_file import Map
 from ortilo_drake.interop.recorded.range_rows import Ranges
 from ortilo_drake.interop.recorded.recording import Imu, Recording
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.white_noise import nees_of
 from ortilo_drake.scenario.noise_file import ImuNoise, NoiseFile, UwbNoise, as_white, white_scales
 from ortilo_drake.studies.fit.sensor_errors import BodyPath, body_path, mount_of
 from ortilo_drake.studies.recorded.at_rest import at_rest

@@ -14,10 +14,10 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from ortilo_drake.flight.metrics import nees_of
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Recording, between
 from ortilo_drake.model.typed_yaml import InputError
+from ortilo_drake.model.white_noise import nees_of
 from ortilo_drake.studies.recorded.filter_types import noise_of
 from ortilo_drake.studies.recorded.filtered import Begin, estimate
 from ortilo_drake.studies.recorded.held_out import By, Gain, HeldOut, Parts, Verdict, judge, parts_of

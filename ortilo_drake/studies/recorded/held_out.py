@@ -12,9 +12,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
-from ortilo_drake.flight.metrics import nees_of
 from ortilo_drake.interop.recorded.map_file import FilterSettings, Map
 from ortilo_drake.interop.recorded.recording import Recording
+from ortilo_drake.model.white_noise import nees_of
 from ortilo_drake.studies.recorded.at_rest import at_rest
 from ortilo_drake.studies.recorded.calibrate import Calibration, calibrate
 from ortilo_drake.studies.recorded.filter_types import FilterSetup, noise_of

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ortilo_drake.flight.metrics import nees_of
 from ortilo_drake.model.optional import check_installed
+from ortilo_drake.model.white_noise import nees_of
 from ortilo_drake.studies.recorded.filtered import Estimate
 from ortilo_drake.studies.recorded.plain_fit import left_of
 from ortilo_drake.studies.recorded.reacquired import Lost

@@ -88,5 +88,5 @@ def test_logs_that_cannot_be_judged_are_refused(tmp_path: Path) -> None:
         read_recorded(tmp_path / "blind")
     with LogWriter(tmp_path / "sent", scenario, SENT) as writer:
         writer.write_tick(0, None, {}, half.outputs())
-    with pytest.raises(InputError, match=r"sent.*: holds what a world sent"):
+    with pytest.raises(InputError, match=r"sent.*: is the log of a world in real time"):
         read_recorded(tmp_path / "sent")
