@@ -73,7 +73,7 @@ def integrated_boxes(scenario: Scenario, command_period: float | None, x_0: np.n
     felt = parts_of({name: size for name, (_, size) in signals.items()})
     boxes.append(system_box("plant", plant, ("state",), signals))
     boxes.append(Box("felt", Element("bundle"), N_U + 6, parts=felt, holds=(acts, pushes)))
-    if needs_forces(scenario, whole_imu=True):
+    if needs_forces(scenario, whole_imu=True) or scenario.faster_sensors:
         felt_by = {"state": "plant", "control": acts, "disturbance": pushes}
         boxes.append(acceleration_box(vehicle, scenario.world.kinematics).with_inputs(**felt_by))
     if scenario.faster_sensors:

@@ -28,7 +28,7 @@ class World(Diagram):
 
     In real time a command comes when it comes. With a command_period the world looks for one that often, through a
     failsafe, and Drake integrates the plant in between, whatever world.plant says; all else keeps its tick h. Where a
-    System of one's own is a sensor faster than the tick, Drake integrates the plant between its samples.
+    System plays a sensor faster than the tick, Drake integrates the plant between its samples.
 
     Ports:
         control (4): u = [f_T, tau_x, tau_y, tau_z] as commanded, sampled and held every tick; what the rotors get

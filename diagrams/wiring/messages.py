@@ -57,7 +57,7 @@ def solver_boxes(belief: Belief, room: Room, sensor: str, message: Box, at: str)
     if n > 1:
         boxes.append(message := sample_mean_box(f"{sensor}_mean", message, n))
     if its.compiled is not None:
-        solver = own_fix_box(sensor, its.compiled, len(its.rows), belief, room)
+        solver = own_fix_box(sensor, its.compiled, len(its.rows), belief.sampled_for(sensor), room)
     else:
         solver = None if its.solver is None else its.solver(belief, room)
     if solver is not None:

@@ -13,6 +13,7 @@ from ortilo_drake.onboard.estimator.tight.element import tight_box, tight_handle
 from ortilo_drake.onboard.estimator.tight.model import aids_of, initial_covariance, layout_of, motion_of, sample_sds
 from ortilo_drake.onboard.fix_solver import fix_reader_box
 from ortilo_drake.onboard.ranging.sighted import sighted_box
+from ortilo_drake.onboard.sample_mean import mean_out
 from ortilo_drake.scenario import Belief
 from ortilo_drake.sensors.described import described, described_per_tick
 from ortilo_drake.sensors.uwb import payload as uwb_payload
@@ -50,7 +51,8 @@ def tight_boxes(belief: Belief, room: Room, xbar_0: np.ndarray, messages: dict[s
 def fix_boxes(belief: Belief, room: Room, name: str, message: Box) -> list[Box]:
     """Return the boxes of the fixes of one's own sensors, `<name>_fix`: solved about the filter's belief, or read."""
     solving = solver_boxes(belief, room, name, message, "filter")
-    if solving:
+    if solving and solving[-1].element.out is not mean_out:
         return solving
-    V = described_per_tick(name, belief).V(belief)
-    return [fix_reader_box(f"{name}_fix", len(described(name).rows), V).with_inputs(message=message.name)]
+    V, read = described_per_tick(name, belief).V(belief), solving[-1] if solving else message
+    reader = fix_reader_box(f"{name}_fix", len(described(name).rows), V)
+    return [*solving, reader.with_inputs(message=read.name)]

@@ -4,7 +4,7 @@ from pydrake.systems.framework import System
 
 from ortilo_drake.diagrams.wiring.messages import detected
 from ortilo_drake.diagrams.wiring.onboard import belief_in, measurement_in, onboard_boxes, system_of
-from ortilo_drake.diagrams.wiring.world import is_system, world_boxes
+from ortilo_drake.diagrams.wiring.world import is_element, is_system, world_boxes
 from ortilo_drake.loop.element import Box
 from ortilo_drake.onboard.planner.planned import planned, start_of
 from ortilo_drake.scenario import Scenario
@@ -35,10 +35,13 @@ def signals_of(boxes: list[Box]) -> dict[str, str]:
 def why_not(scenario: Scenario) -> str | None:
     """Return the field of a part of a scenario that is no element; None where all are, and it flies compiled.
 
-    Such a part is a System of Drake's: a renderer, OpenCV's solver, a part of one's own that is no element.
+    Such a part is a System of Drake's: a renderer, OpenCV's solver, a part of one's own that is no element, or a sensor
+    faster than the tick that has a fault of one's own.
     """
     for sensor in scenario.sensors:
         if is_system(scenario, sensor):
+            if is_element(sensor):
+                return f"{sensor}.link.rate: faster than the tick, with a fault of one's own: has no compiled form"
             return f"sensors: {sensor}: has no compiled form"
     for role in ("estimator", "servo"):
         if system_of(scenario.belief, role) is not None:

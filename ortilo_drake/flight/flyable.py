@@ -22,7 +22,8 @@ def flight_ticks(scenario: Scenario, plan: Planned | None = None) -> int:
     seconds = duration_of(scenario, plan or planned(scenario)) + scenario.settle
     if scenario.seconds is not None:
         if scenario.seconds > seconds:
-            raise InputError(f"seconds: {scenario.seconds:g}: must be at most {seconds:.1f}, as {scenario.name} flies")
+            longest = f"{seconds:.1f}, the length of the flight of {scenario.name}"
+            raise InputError(f"seconds: {scenario.seconds:g}: must be at most {longest}")
         seconds = scenario.seconds
     ticks = round(seconds * scenario.control_rate)
     size = 8 * sum(scenario.measurement.logged_sizes().values()) * ticks

@@ -101,7 +101,7 @@ def predicted_bound(
             n = m + 2 * count
             GT = work[: n + 1].reshape((1, n + 1))
             innovation(x, P, y, r, 1, 0, states, weights, S, GT)
-            if S[0, 0] > 0.0:  # otherwise known exactly, and seen exactly
+            if not S[0, 0] <= 0.0:  # otherwise known exactly, and seen exactly; NaN stays in sight
                 correct(x, P, 1, S, GT)
             at += 1
         n = m + 2 * count

@@ -186,6 +186,11 @@ class Belief(Frozen):
         counts = [self.samples(sensor) for sensor in self.faster_sensors]
         return np.unique([i / n for n in counts for i in range(1, n)])
 
+    def sampled_for(self, sensor: str) -> Self:
+        """Return the scenario with the samples of a sensor as ticks, if the sensor is faster than the tick."""
+        n = self.samples(sensor)
+        return self if n == 1 else self.model_copy(update={"control_rate": n * self.control_rate})
+
     def settings_of(self, sensor: str) -> Any:
         """Return the settings of a registered sensor; its defaults if the scenario has none."""
         found = find_sensor(sensor)

@@ -65,11 +65,6 @@ class Scenario(Belief):
         """Return the latency of a sensor's messages before they enter its link [ticks]."""
         return self.camera.latency if sensor == "camera" else 0
 
-    def sampled_for(self, sensor: str) -> "Scenario":
-        """Return the scenario with the samples of a sensor as ticks, if the sensor is faster than the tick."""
-        n = self.samples(sensor)
-        return self if n == 1 else self.model_copy(update={"control_rate": n * self.control_rate})
-
     @model_validator(mode="after")
     def _links_fit_the_ticks(self) -> "Scenario":
         for sensor in self.sensors:

@@ -1,4 +1,7 @@
-"""The theory of the ranges: their unknown errors, the errors of a fix, and the survey error that a bank learns."""
+"""The theory of the ranges: their unknown errors, the errors of a fix, and the survey error that a bank learns.
+
+A warning before the flight says where the ranges have more noise than the filter's settings.
+"""
 
 from math import isclose
 

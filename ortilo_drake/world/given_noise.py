@@ -107,7 +107,7 @@ class GivenNoise:
             fly(self._handles)
         if self._directory[1]:
             raise InputError(
-                f"noise: has more than {MOST} streams: a room with fewer landmarks, of four each, has fewer"
+                f"room.landmarks: too many: all noise must have at most {MOST} streams, a landmark has four"
             )
         entries = self._directory[_HEAD:].reshape(MOST, _ENTRY)[: self._directory[0]]
         sizes = entries[:, _NUMBERS] * entries[:, _TICKS]

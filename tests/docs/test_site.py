@@ -194,6 +194,8 @@ def test_the_page_explains_every_line_of_a_tick_in_its_order(tick: Path) -> None
     page = (ROOT / "docs/tick.md").read_text(encoding="utf-8")
     assert re.findall(r"^\| `(\w+(?: k)?)(?:\[\.\.\.\])?` \|", page, re.MULTILINE) == calls
     assert len(calls) == 16
+    (begin,) = re.findall(r"`(N \+ \d+)`", page)
+    assert f"{begin}, " in "\n".join(lines)
     boxes = re.findall(r"^ *\d+ (\w+) ", (tick / "paper_imu_uwb.txt").read_text(encoding="utf-8"), re.MULTILINE)
     assert boxes == [call.rpartition("_")[0] for call in calls if "_" in call and call != "figures_out"]
 

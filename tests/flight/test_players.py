@@ -12,8 +12,10 @@ from sameness import assert_same_bits
 import ortilo_drake as od
 from ortilo_drake.commands.options import PlayerName
 from ortilo_drake.diagrams.onboard import Parts
+from ortilo_drake.diagrams.wiring.whole import boxes_of
 from ortilo_drake.flight.engine import Engine
 from ortilo_drake.flight.players import CHOICES, choose, fly, player_of
+from ortilo_drake.model.signals import PAYLOAD
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Belief, Scenario, load_scenario, scenario_names
 
@@ -134,6 +136,17 @@ def test_all_players_fly_the_same_bits(name: str, changes: tuple[str, ...]) -> N
 @pytest.mark.parametrize("name", scenario_names())
 def test_all_players_fly_the_same_bits_of_every_ready_made_scenario(name: str, changes: tuple[str, ...]) -> None:
     check_players(load_scenario(name, (PROJECTED, *changes)), range(5))
+
+
+@pytest.mark.long
+def test_the_tight_filter_reads_the_mean_of_a_registered_sensor_s_samples(own_register: None) -> None:
+    runpy.run_path(str(EXAMPLES / "barometer.py"))
+    changes = (*MOVING, "sensors=[uwb, imu, barometer]", "barometer={link: {rate: 60}, sd: 0.2, drift: 0}")
+    scenario = load_scenario("tight_imu_uwb", changes)
+    fix = next(box for box in boxes_of(scenario, 1) if box.name == "barometer_fix")
+    assert fix.size == PAYLOAD + 1 + 1
+    np.testing.assert_allclose(fix.given.tables["V"], [0.2**2 / 2.0], rtol=1e-15)
+    check_players(scenario, range(1))
 
 
 def test_flights_of_different_seeds_are_told_apart() -> None:

@@ -9,6 +9,7 @@ import xarray as xr
 from scipy import stats
 from scipy.integrate import solve_ivp
 
+from ortilo_drake.diagrams.world import World
 from ortilo_drake.flight.flight import fly
 from ortilo_drake.flight.stepped_halves import WorldHalf
 from ortilo_drake.hil.wire.handshake import flight_of
@@ -97,6 +98,17 @@ def test_samples_of_a_registered_sensor_are_of_the_states_between_the_ticks_too(
             # Each of three steps of third order errs by (H / 3)^4 / 24 = 6e-10 s^4 times z'''', below 1 m/s^4.
             np.testing.assert_allclose(samples[k, :, PAYLOAD], range_, rtol=0.0, atol=2e-9)
             np.testing.assert_allclose(samples[k, :, STAMP], k * H - H + H * np.arange(1, 4) / 3, rtol=0.0, atol=1e-14)
+
+
+def test_it_is_sampled_without_an_imu_too_where_commands_come_in_real_time() -> None:
+    scenario = load_scenario("altimeter", ("sensors=[uwb, altimeter]", "altimeter.link.rate=60"))
+    world = World(scenario, command_period=scenario.h / 4.0)
+    context = world.CreateDefaultContext()
+    ((_, stamp, r),) = samples_in(world.GetOutputPort("altimeter").Eval(context), 2)[1:]  # at t_0 the newest alone
+    floor = scenario.load_room().interior.min[2]
+    sd = np.hypot(scenario.altimeter.sd, scenario.altimeter.fraction * floor)
+    assert stamp == 0.0
+    assert abs(r - (0.0 - floor)) < 5.0 * sd
 
 
 def test_a_stuck_sensor_repeats_its_last_sample_before_the_fault() -> None:

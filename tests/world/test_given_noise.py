@@ -125,5 +125,5 @@ def test_more_streams_than_a_directory_holds_are_refused() -> None:
             normals(seeds[0], A + np.uint64(i), 0, 1)
 
     assert len(GivenNoise(1, lambda seeds: draws_of(seeds, MOST), 1).streams) == MOST
-    with pytest.raises(InputError, match=f"^noise: has more than {MOST} streams: "):
+    with pytest.raises(InputError, match=f"^room.landmarks: too many: .* {MOST} streams"):
         GivenNoise(1, lambda seeds: draws_of(seeds, MOST + 1), 1)

@@ -16,9 +16,10 @@ so the loops of Phi P Phi^T + W skip them. Most rows of Phi only keep or shrink 
 
 Used by: intermittent_filter.py (the paper's filter), linear_filter.py (any linear model), measurement_handler.py (the
 gates), floor/information_filter.py and studies/room_design/path_bound.py (Cramer-Rao bounds), studies/loop and
-studies/command_link (steady and periodic gains), studies/tuning (likelihood), studies/recorded/at_rest.py. Other forms:
-tight/update.py updates a nonlinear state row by row, with an outlier gate and Huber's weight, and subtracts all rows at
-once; theory/arrivals/expected_riccati_kernel.py and studies/tube/tube_kernel.py average over patterns of arrivals.
+studies/command_link (steady and periodic gains), studies/tuning (likelihood), studies/recorded/at_rest.py and
+studies/live/anchor_bank.py. Other forms: tight/update.py updates a nonlinear state row by row, with an outlier gate and
+Huber's weight, and subtracts all rows at once; theory/arrivals/expected_riccati_kernel.py and
+studies/tube/tube_kernel.py average over patterns of arrivals.
 """
 
 from typing import NamedTuple
@@ -177,7 +178,10 @@ def correct(x: np.ndarray, P: np.ndarray, m: int, S: np.ndarray, GT: np.ndarray)
 
 @register_jitable(_nrt=False)
 def propagate(P: np.ndarray, W: np.ndarray, structure: Structure, rows: np.ndarray) -> None:
-    """Replace the first N rows and columns of P by Phi P Phi^T + W (N, N), symmetric; `rows` is work memory (N, N)."""
+    """Replace the first N rows and columns of P, symmetric, by Phi P Phi^T + W (N, N).
+
+    `rows` is work memory: a row of N for each row of structure.mixing, or more.
+    """
     N = W.shape[0]
     columns, values, counts, mixing, keeps = structure
     for side in range(2):  # first P Phi^T, then Phi (P Phi^T)
