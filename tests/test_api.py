@@ -298,7 +298,7 @@ def test_a_comparison_has_medians_of_the_same_seeds() -> None:
         shown = f"{found}".splitlines()
     assert len(shown) == 1 + len(found) + 1
     assert all(column in shown[0] for column in ("lost", "mse x [m^2]", "path mse [m^2]", "nees [1]", "player"))
-    assert shown[-1].startswith("[?]: too few flights for the 95 % interval")
+    assert shown[-1].startswith("[?]: too few flights: the 95 % interval")
     assert "0 of 3 [0, 56 %]" in shown[1]
     assert f"{number(float(np.median(each)))} [?]" in shown[1]  # three flights have no interval
     assert np.isnan(found.loc["nominal_imu_uwb", "mse x low"])

@@ -105,7 +105,7 @@ def fly(
     settings = [*(settings or ()), *([] if seconds is None else [f"seconds={seconds}"])]
     chosen = load_scenario(scenario, options.with_camera(settings, camera, detector, onnx), seed)
     if (detector or onnx) and not chosen.is_rendered:
-        raise InputError(f"{'--onnx' if onnx else '--detector'}: {chosen.name} has no camera: must fly with one")
+        raise InputError(f"{'--onnx' if onnx else '--detector'}: needs a camera, which {chosen.name} does not have")
     for option, path in (("--log", log), ("--rerun", rerun)):
         if meshcat and path:
             raise InputError(f"{option}: cannot be combined with --meshcat: leave one of them out")

@@ -220,7 +220,7 @@ def test_the_command_says_who_flew_and_why_not_the_engine(capsys: pytest.Capture
     assert run(*words_pnp, "--player", "engine") == 2
     assert "landmark_fix.method: pnp: has no compiled form: Drake flies it" in capsys.readouterr().err
     assert run(*words, "--player", "engine", "--log", "never") == 2
-    assert "--player: engine: does not take --log" in capsys.readouterr().err
+    assert "--player: engine: must be drake or fastest with --log" in capsys.readouterr().err
 
 
 def test_the_engine_tells_its_progress_and_its_speed() -> None:

@@ -374,7 +374,10 @@ def test_control_c_ends_with_code_130_and_one_line(
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("fly", "nominal_imu_uwb", "--detector", "a.cfg", "a.weights"), "has no camera: must fly with one"),
+        (
+            ("fly", "nominal_imu_uwb", "--detector", "a.cfg", "a.weights"),
+            "needs a camera, which nominal_imu_uwb",
+        ),
         (("fly", "nominal_imu_uwb_yolo", "--camera", "projected", "--detector", "a.cfg", "a.weights"), "does not draw"),
         (("detector", "evaluate", "--detector", "a.cfg", "a.weights"), "a.cfg: cannot be read"),
         (("detector", "calibrate", "--detector", "a.cfg", "a.weights"), "a.cfg: cannot be read"),

@@ -26,7 +26,7 @@ TO_THE_GOAL = ("--set", f"planner={{kind: gcs, goal: [{GOAL[0]}, {GOAL[1]}]}}", 
 
 
 @pytest.mark.real_time
-def test_killed_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Path, bus: str) -> None:
+def test_killed_up_to_three_times_the_onboard_half_still_reaches_its_goal(tmp_path: Path, bus: str) -> None:
     here = ("nominal_imu_uwb", *TO_THE_GOAL, "--url", bus)
     checkpoint, flown, report = tmp_path / "state.npz", tmp_path / "flight.nc", tmp_path / "world.json"
     onboard = start("hil", "onboard", *here, "--keep-alive", "--checkpoint", str(checkpoint))

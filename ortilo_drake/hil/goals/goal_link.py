@@ -16,7 +16,7 @@ from ortilo_drake.hil.wire.packets import Goal, Outbox, publish_goal
 from ortilo_drake.model.typed_yaml import InputError
 from ortilo_drake.scenario import Scenario
 
-LOCKSTEP_REFUSAL: Final = "flies in lockstep: goals need real time"
+LOCKSTEP_REFUSAL: Final = "the flight is in lockstep: goals need real time"
 EVERY: Final = 0.2  # time between two repetitions of a request [s]
 ANSWER_WAIT: Final = 5.0  # a request is given up after this time [s]
 _POLL_MS: Final = 50

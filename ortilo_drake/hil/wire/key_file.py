@@ -93,7 +93,7 @@ def choose_key(url: str, file: str | None = None, insecure: bool = False) -> byt
     """
     if insecure:
         if file is not None:
-            raise InputError("--insecure: uses no key: leave --key out")
+            raise InputError("--insecure: cannot be combined with --key")
         return NO_SECRET
     if file == STDIN:
         return _key(sys.stdin.readline(_TEXT + 2), "stdin")

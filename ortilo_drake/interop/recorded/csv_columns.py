@@ -1,10 +1,9 @@
 """Tables of text: with or without header, with any delimiter, comments, empty lines and broken rows."""
 
 import csv
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from io import TextIOWrapper
 from itertools import chain, takewhile
 from pathlib import Path
@@ -23,6 +22,7 @@ LINE: Final = MIB  # longest line [characters]; a row of 10,000 columns takes a 
 HEAD: Final = 10_000  # largest number of lines above the rows
 DELIMITERS = {"tab": "\t", "space": " "}
 SIGNS = "#%"  # first signs of comments, and of headers that numpy, ROS and others write as comments
+BLOCK: Final = MIB
 LOOKED_AT = 20  # number of rows from which the delimiter is found
 
 Line = tuple[int, str]
@@ -34,19 +34,22 @@ def _encoding(file: BinaryIO, path: Path, rejected: Rejections) -> str:
     file.seek(0)
     if begin[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) and begin.count(0) > max(3, len(begin) // 2 - 2):
         return "utf-16"  # the encoding of Excel's text files
-    nul, bad = False, 0  # number of the first line that is not UTF-8
-    for k, line in enumerate(iter(partial(file.readline, 4 * LINE), b""), 1):  # a character takes 4 bytes at most
-        nul |= b"\0" in line
-        try:
-            line.decode()
-        except UnicodeDecodeError:
-            bad = bad or k
+    decoder, line, nul, bad = getincrementaldecoder("utf-8")(), 1, False, False
+    while block := file.read(BLOCK):
+        nul |= b"\0" in block
+        if not bad:
+            held = decoder.getstate()[0]
+            try:
+                decoder.decode(block)
+                line += block.count(b"\n")
+            except UnicodeDecodeError as error:
+                bad, line = True, line + block[: max(0, error.start - len(held))].count(b"\n")
     file.seek(0)
-    if not bad:
+    if not bad and not decoder.getstate()[0]:
         return "utf-8-sig"
     if nul:
         raise InputError(f"{path}: cannot be read: not UTF-8 text")
-    rejected.notes.append(f"not UTF-8, first in line {bad}; read as Latin-1")
+    rejected.notes.append(f"not UTF-8, first in line {line}; read as Latin-1")
     return "latin-1"
 
 

@@ -100,7 +100,7 @@ def why_not_live(map_: Map) -> str | None:
     if map_.command is not None:
         return "command: cannot be used live: give the accelerometer"
     if isinstance(map_.anchors, Find):
-        return "anchors: find: must be surveyed positions live: `ortilo replay` or `ortilo room survey` finds them"
+        return "anchors: find: cannot be used live: give their places, which `ortilo replay` or `room survey` finds"
     if isinstance(map_.anchors, str):
         return f"anchors: {map_.anchors}: no such file beside the map"
     return None

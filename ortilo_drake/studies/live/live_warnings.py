@@ -58,7 +58,7 @@ class LiveWarnings:
             self._warn("heading", f"heading: {watch.doubt.text()}", but_not_after="rates")
         if watch is not None and watch.mirror is not None and not (rates is not None and rates.mirrors):
             self._warn("mirror", watch.mirror.text())
-        if places.wrong is not None:
+        if places.wrong is not None and "anchors" not in self._said:
             names = names_of(self._map, len(filter_.anchors.figures()))
             self._warn("anchors", wrong_anchors_text(places.wrong, names))
 
@@ -70,7 +70,7 @@ class LiveWarnings:
 
     def _noise(self, places: AnchorWatch) -> str:
         """Return that ranges scatter more than the map says, and which key of the map mends this; else ""."""
-        if places.scatter is None:
+        if places.scatter is None or "noise" in self._said:
             return ""
         sd = f"{np.ceil(100.0 * places.scatter) / 100.0:.2f}"
         key = f"range_white: {sd}, range_correlated: {sd}"  # both: in real rooms such errors last

@@ -1,9 +1,9 @@
 """The live filter's settings, and the check of the first samples of the imu, and of the first ranges, against the map.
 
-The medians of each anchor's first ranges, r_i, give a least-squares place of the antenna, which is compared with the
-start's. The errors of this place are the anchors' biases and the ranges' own errors, by the map. The start is doubted
-if the places are farther apart than both errors allow, by a chi-square of three, or farther than FAR; but not if the
-ranges fit no place.
+check_start: the medians of each anchor's first ranges, r_i, give a least-squares place of the antenna, which is
+compared with the start's. The errors of this place are the anchors' biases and the ranges' own errors, by the map. The
+start is doubted if the places are farther apart than both errors allow, by a chi-square of three, or farther than FAR;
+but not if the ranges fit no place.
 """
 
 from typing import Final

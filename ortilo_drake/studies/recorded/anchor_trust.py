@@ -3,7 +3,7 @@
 An anchor that was refused for a second by a large error is accepted again once its innovations are small on average:
 an error that fades would pull the filter along as soon as it passed the gate. The memory also tells a lost filter.
 
-A range that may be reflected, and then too long, as one row of a Kalman filter.
+weigh_range takes a range that may be reflected, and then too long, as one row of a Kalman filter.
 
 With u = H dx + white noise, a priori N(0, S), an innovation e is
 
@@ -41,7 +41,6 @@ SETTLES = 0.5  # time constant of the mean of a refused anchor's innovations [s]
 MOST = 8.0  # bound of an innovation in that mean [standard deviations]
 FAR = 1.0  # a smaller innovation may be a bias that the filter does not know [m]
 SETTLED = 1.0  # a refused anchor is accepted again when that mean is smaller [standard deviations]
-
 
 LENGTH = 1.5  # one over the density of a reflection's extra length [m]
 WILD = 1e-3  # density of a range that tells nothing [1/m]: as likely as a direct one some 4 standard deviations off

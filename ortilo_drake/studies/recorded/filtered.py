@@ -240,10 +240,9 @@ def estimate(
         raise InputError("ranges: none are left")
     first = float(ranges.t[0])
     queries = queries[queries >= first]
-    for one in (
-        _landings(imu, known) if smoothed else []
-    ):  # between touching and rest the filter does not know that it has landed
-        ranges = ranges.only((ranges.t <= one.touched) | (ranges.t > one.rests))
+    if smoothed:  # between touching and rest the filter does not know that it has landed
+        for one in _landings(imu, known):
+            ranges = ranges.only((ranges.t <= one.touched) | (ranges.t > one.rests))
     setup = setup_of(known, settings, imu is not None)
     events, heard = events_of(ranges, imu, known, queries, first)
     begin = begin or begin_of(ranges, imu, known, settings, setup, events, heard)
